@@ -1,0 +1,12 @@
+//! Words every other room uses: names, colours, units, errors, progress, memory.
+
+pub mod error;
+pub mod memory;
+pub mod name;
+pub mod progress;
+pub mod rgb;
+
+pub use error::{Error, Result};
+pub use name::{ClusterId, NodeKind, NodeName, PatchSide};
+pub use progress::{Progress, Quiet};
+pub use rgb::{Rgb, lux};

@@ -1,0 +1,138 @@
+//! Geometry extents: patches in tree order, the cluster's binary tree, its sector nodes; and the
+//! materials extent beside it.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::Arrays;
+use crate::base::NodeName;
+
+/// "No such tree node".
+pub const NONE: u32 = u32::MAX;
+
+/// One per cluster.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct ClusterHead {
+    /// Cluster number.
+    pub cluster: u32,
+    /// Patches, 1..=256.
+    pub patches: u32,
+    /// Smallest corner of the box round all patches, m from the store's origin.
+    pub min_m: [f32; 3],
+    /// Largest corner, m from the store's origin.
+    pub max_m: [f32; 3],
+    /// Row of the OBJ object in the catalogue.
+    pub object: u32,
+    /// 0.
+    pub reserved: [u32; 7],
+}
+
+/// A planar triangle or convex quad.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct PatchRecord {
+    /// Corners in winding order, m from the store's origin; a triangle repeats its third.
+    pub corners_m: [[f32; 3]; 4],
+    /// 3 or 4.
+    pub corner_count: u8,
+    /// Which sides take part: bit 0 the front, bit 1 the back.
+    pub sides: u8,
+    /// 0.
+    pub reserved: u16,
+    /// Leaf of the cluster's tree that holds the patch.
+    pub tree_node: u32,
+    /// Area, m2.
+    pub area_m2: f32,
+    /// 0.
+    pub reserved2: u32,
+}
+
+/// A node of the cluster's binary tree, in preorder: node 0 is the whole cluster.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct TreeNode {
+    /// Smallest corner of the box, m from the store's origin.
+    pub min_m: [f32; 3],
+    /// Largest corner.
+    pub max_m: [f32; 3],
+    /// First patch below.
+    pub first_patch: u16,
+    /// Patches below.
+    pub patch_count: u16,
+    /// First child, or [`NONE`] for a leaf.
+    pub left: u32,
+    /// Second child, or [`NONE`].
+    pub right: u32,
+    /// Node above, or [`NONE`] for node 0.
+    pub parent: u32,
+    /// 0.
+    pub reserved: [u32; 2],
+}
+
+/// A sector node that has at least one patch side below it, in order of name.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct SectorHead {
+    /// Its name.
+    pub name: u64,
+    /// Area of the patch sides below, m2.
+    pub area_m2: f32,
+    /// Its tree node.
+    pub tree_node: u32,
+}
+
+/// Material of one patch side; two per patch, front then back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SideMaterial {
+    /// Diffuse reflectance, 0..=0.99 per channel.
+    pub rho: [f32; 3],
+    /// Emitted exitance pi Ke, W/m2.
+    pub exitance: [f32; 3],
+}
+
+/// A geometry extent's arrays.
+#[derive(Clone, Copy)]
+pub struct GeometryView<'a> {
+    /// The cluster.
+    pub head: &'a ClusterHead,
+    /// Its patches, in tree order.
+    pub patches: &'a [PatchRecord],
+    /// Its tree, in preorder.
+    pub tree: &'a [TreeNode],
+    /// Its sector nodes, by name.
+    pub sectors: &'a [SectorHead],
+}
+
+impl<'a> GeometryView<'a> {
+    /// Borrows the arrays of a payload.
+    pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
+        let arrays = Arrays::new(payload);
+        let view =
+            Self { head: arrays.one(0)?, patches: arrays.get(1)?, tree: arrays.get(2)?, sectors: arrays.get(3)? };
+        if view.patches.len() != view.head.patches as usize || view.patches.len() > 256 {
+            return Err(format!("{} patches where the head says {}", view.patches.len(), view.head.patches));
+        }
+        Ok(view)
+    }
+}
+
+/// The major axis of a normal: 0..6 is +x -x +y -y +z -z; ties go to the earlier axis.
+#[must_use]
+pub fn sector_of(normal: [f64; 3]) -> u8 {
+    let mut axis = 0;
+    for i in 1..3 {
+        if normal[i].abs() > normal[axis].abs() {
+            axis = i;
+        }
+    }
+    (axis as u8) * 2 + u8::from(normal[axis] < 0.0)
+}
+
+impl SectorHead {
+    /// Its name, typed.
+    #[must_use]
+    pub fn node(&self) -> NodeName {
+        NodeName(self.name)
+    }
+}

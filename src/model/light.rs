@@ -1,0 +1,109 @@
+//! Radiosity extents: what arrives at every element and sector node of a cluster in one version.
+//!
+//! Coarse first: sector nodes by name, then both roots of every patch, then level by level, each by
+//! name. An element has all four children or none. `B = E + rho H` with the materials extent.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::Arrays;
+use crate::base::NodeName;
+use crate::base::name::MAX_DEPTH;
+
+/// One per radiosity extent.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct LightHead {
+    /// Channels: 3.
+    pub channels: u32,
+    /// Light layer: 0.
+    pub layer: u32,
+    /// First element of each depth 0..=14, then the number of elements.
+    pub level_start: [u32; 16],
+    /// 0.
+    pub reserved: [u32; 2],
+}
+
+/// Light of an element.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ElementLight {
+    /// Its name.
+    pub name: u64,
+    /// Irradiance, W/m2.
+    pub irradiance: [f32; 3],
+    /// Largest deviation, in any channel, of any leaf below from `irradiance`, W/m2; 0 for a leaf.
+    pub spread: f32,
+}
+
+/// Light of a sector node: area-weighted means over the patch sides below.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SectorLight {
+    /// Its name.
+    pub name: u64,
+    /// Radiosity, W/m2.
+    pub radiosity: [f32; 3],
+    /// Irradiance, W/m2.
+    pub irradiance: [f32; 3],
+    /// Largest deviation, in any channel, of the radiosity of any leaf below, W/m2.
+    pub spread: f32,
+    /// 0.
+    pub reserved: u32,
+}
+
+/// A radiosity extent's arrays.
+#[derive(Clone, Copy)]
+pub struct LightView<'a> {
+    /// Where levels start.
+    pub head: &'a LightHead,
+    /// Sector nodes, by name.
+    pub sectors: &'a [SectorLight],
+    /// Elements, level by level, each by name.
+    pub elements: &'a [ElementLight],
+}
+
+impl<'a> LightView<'a> {
+    /// Borrows the arrays of a payload.
+    pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
+        let arrays = Arrays::new(payload);
+        let view = Self { head: arrays.one(0)?, sectors: arrays.get(1)?, elements: arrays.get(2)? };
+        let starts = &view.head.level_start;
+        if starts[0] != 0 || starts.windows(2).any(|w| w[0] > w[1]) || starts[15] as usize != view.elements.len() {
+            return Err("levels do not cover the elements".to_owned());
+        }
+        Ok(view)
+    }
+
+    /// The elements of one depth.
+    #[must_use]
+    pub fn level(&self, depth: u32) -> &'a [ElementLight] {
+        let starts = &self.head.level_start;
+        &self.elements[starts[depth as usize] as usize..starts[depth as usize + 1] as usize]
+    }
+
+    /// The element of that name, if stored.
+    #[must_use]
+    pub fn find(&self, name: NodeName) -> Option<&'a ElementLight> {
+        let level = self.level(name.depth());
+        level.binary_search_by_key(&name.0, |e| e.name).ok().map(|i| &level[i])
+    }
+
+    /// The stored element of that name or the nearest one above it.
+    #[must_use]
+    pub fn nearest(&self, name: NodeName) -> Option<&'a ElementLight> {
+        let mut at = Some(name);
+        while let Some(name) = at {
+            if let Some(found) = self.find(name) {
+                return Some(found);
+            }
+            at = name.parent();
+        }
+        None
+    }
+
+    /// Whether the stored element of that name has children.
+    #[must_use]
+    pub fn has_children(&self, name: NodeName) -> bool {
+        name.depth() < MAX_DEPTH && self.find(name.child(0)).is_some()
+    }
+}

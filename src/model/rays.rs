@@ -1,0 +1,89 @@
+//! Ray structures: a box hierarchy over the triangles of each cluster, and one over the clusters.
+//!
+//! A cluster's extent holds nodes and triangles; the top extent (cluster [`TOP`]) holds nodes whose
+//! leaves are runs of [`ClusterRef`]s, which say where each cluster's arrays lie.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::Arrays;
+
+/// "Cluster" number of the top extent.
+pub const TOP: u32 = u32::MAX;
+
+/// A node: an inner one (`count` 0) has children `first` and `first + 1`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct RayNode {
+    /// Smallest corner, m from the store's origin.
+    pub min_m: [f32; 3],
+    /// First child, or first item of a leaf.
+    pub first: u32,
+    /// Largest corner.
+    pub max_m: [f32; 3],
+    /// Items of a leaf, 0 for an inner node.
+    pub count: u32,
+}
+
+/// A triangle of a patch (a quad is 0 1 2 and 0 2 3).
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct RayTriangle {
+    /// Corners, m from the store's origin.
+    pub corners_m: [[f32; 3]; 3],
+    /// Patch number within the cluster.
+    pub patch: u32,
+    /// 0.
+    pub reserved: [u32; 2],
+}
+
+/// Where a cluster's ray arrays lie.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct ClusterRef {
+    /// Byte of the first node in the segment file of the top extent.
+    pub nodes_at: u64,
+    /// Byte of the first triangle.
+    pub triangles_at: u64,
+    /// Cluster number.
+    pub cluster: u32,
+    /// Nodes.
+    pub nodes: u32,
+    /// Triangles.
+    pub triangles: u32,
+    /// 0.
+    pub reserved: u32,
+}
+
+/// A cluster's ray structure.
+#[derive(Clone, Copy)]
+pub struct ClusterRaysView<'a> {
+    /// Box hierarchy; node 0 is the root.
+    pub nodes: &'a [RayNode],
+    /// Triangles, in leaf order.
+    pub triangles: &'a [RayTriangle],
+}
+
+impl<'a> ClusterRaysView<'a> {
+    /// Borrows the arrays of a payload.
+    pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
+        let arrays = Arrays::new(payload);
+        Ok(Self { nodes: arrays.get(0)?, triangles: arrays.get(1)? })
+    }
+}
+
+/// The structure over all clusters; it lies in the same segment file as every cluster's.
+#[derive(Clone, Copy)]
+pub struct TopRaysView<'a> {
+    /// Box hierarchy; node 0 is the root.
+    pub nodes: &'a [RayNode],
+    /// Clusters, in leaf order.
+    pub clusters: &'a [ClusterRef],
+}
+
+impl<'a> TopRaysView<'a> {
+    /// Borrows the arrays of a payload.
+    pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
+        let arrays = Arrays::new(payload);
+        Ok(Self { nodes: arrays.get(0)?, clusters: arrays.get(1)? })
+    }
+}
