@@ -40,10 +40,7 @@ impl PatchSide {
     /// The patch side at a position in such an array.
     #[must_use]
     pub fn from_index(index: usize) -> Self {
-        Self {
-            patch: u8::try_from(index / 2).expect("a cluster has at most 256 patches"),
-            side: (index % 2) as u8,
-        }
+        Self { patch: u8::try_from(index / 2).expect("a cluster has at most 256 patches"), side: (index % 2) as u8 }
     }
 }
 

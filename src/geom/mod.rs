@@ -1,1 +1,6 @@
-//! (to be written)
+//! Geometry: polygons, quadtree elements, clipping, sampling. Pure; f64.
+
+pub mod bounds;
+pub mod polygon;
+pub mod quadtree;
+pub mod sequence;

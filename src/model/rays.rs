@@ -1,6 +1,6 @@
-//! Ray structures: a box hierarchy over the triangles of each cluster, and one over the clusters.
+//! Ray structures: a box hierarchy over the patches of each cluster, and one over the clusters.
 //!
-//! A cluster's extent holds nodes and triangles; the top extent (cluster [`TOP`]) holds nodes whose
+//! A cluster's extent holds nodes and patches; the top extent (cluster [`TOP`]) holds nodes whose
 //! leaves are runs of [`ClusterRef`]s, which say where each cluster's arrays lie.
 
 use bytemuck::{Pod, Zeroable};
@@ -24,16 +24,20 @@ pub struct RayNode {
     pub count: u32,
 }
 
-/// A triangle of a patch (a quad is 0 1 2 and 0 2 3).
+/// A patch as rays meet it: a triangle, or a quad as its triangles 0 1 2 and 0 2 3.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub struct RayTriangle {
-    /// Corners, m from the store's origin.
-    pub corners_m: [[f32; 3]; 3],
+pub struct RayPatch {
+    /// Corners in winding order, m from the store's origin; a triangle repeats its third.
+    pub corners_m: [[f32; 3]; 4],
     /// Patch number within the cluster.
     pub patch: u32,
+    /// 3 or 4.
+    pub corner_count: u32,
+    /// Area, m2: of coincident patches that face the same way the smallest is seen.
+    pub area_m2: f32,
     /// 0.
-    pub reserved: [u32; 2],
+    pub reserved: u32,
 }
 
 /// Where a cluster's ray arrays lie.
@@ -42,14 +46,14 @@ pub struct RayTriangle {
 pub struct ClusterRef {
     /// Byte of the first node in the segment file of the top extent.
     pub nodes_at: u64,
-    /// Byte of the first triangle.
-    pub triangles_at: u64,
+    /// Byte of the first patch.
+    pub patches_at: u64,
     /// Cluster number.
     pub cluster: u32,
     /// Nodes.
     pub nodes: u32,
-    /// Triangles.
-    pub triangles: u32,
+    /// Patches.
+    pub patches: u32,
     /// 0.
     pub reserved: u32,
 }
@@ -59,15 +63,15 @@ pub struct ClusterRef {
 pub struct ClusterRaysView<'a> {
     /// Box hierarchy; node 0 is the root.
     pub nodes: &'a [RayNode],
-    /// Triangles, in leaf order.
-    pub triangles: &'a [RayTriangle],
+    /// Patches, in leaf order.
+    pub patches: &'a [RayPatch],
 }
 
 impl<'a> ClusterRaysView<'a> {
     /// Borrows the arrays of a payload.
     pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
         let arrays = Arrays::new(payload);
-        Ok(Self { nodes: arrays.get(0)?, triangles: arrays.get(1)? })
+        Ok(Self { nodes: arrays.get(0)?, patches: arrays.get(1)? })
     }
 }
 

@@ -1,1 +1,9 @@
-//! (to be written)
+//! Rays: box hierarchies built by obvhs, our own edge-safe traversal, shafts. Pure: slices in, hits out.
+
+pub mod build;
+pub mod scene;
+pub mod shaft;
+pub mod traverse;
+
+pub use scene::{PatchKey, RayScene};
+pub use traverse::{Hit, RayEnd};

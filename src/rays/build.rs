@@ -1,0 +1,73 @@
+//! Builds the ray structures: one hierarchy over the patches of a cluster, one over all clusters.
+//!
+//! The only place that knows obvhs, and it is used as a builder only: its traversal leaks at edges.
+
+use std::time::Duration;
+
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::{Boundable, BvhBuildParams};
+
+use crate::geom::bounds::Bounds;
+use crate::model::geometry::PatchRecord;
+use crate::model::rays::{ClusterRef, RayNode, RayPatch};
+
+struct Item(Aabb);
+
+impl Boundable for Item {
+    fn aabb(&self) -> Aabb {
+        self.0
+    }
+}
+
+/// Hierarchy over boxes: nodes, and the order in which leaves run over the boxes.
+fn hierarchy(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<RayNode>, Vec<u32>) {
+    let items: Vec<Item> = boxes.map(|(min, max)| Item(Aabb::new(Vec3A::from(min), Vec3A::from(max)))).collect();
+    if items.len() <= per_leaf as usize {
+        let whole = items.iter().fold(Aabb::empty(), |a, b| a.union(&b.0));
+        let node = RayNode { min_m: whole.min.into(), first: 0, max_m: whole.max.into(), count: items.len() as u32 };
+        return (vec![node], (0..items.len() as u32).collect());
+    }
+    let mut params = BvhBuildParams::medium_build();
+    params.max_prims_per_leaf = per_leaf;
+    let bvh = build_bvh2(&items, params, &mut Duration::default());
+    let nodes = bvh
+        .nodes
+        .iter()
+        .map(|n| RayNode { min_m: n.min.into(), first: n.first_index, max_m: n.max.into(), count: n.prim_count })
+        .collect();
+    (nodes, bvh.primitive_indices)
+}
+
+/// The ray structure of one cluster: nodes and patches in leaf order.
+#[must_use]
+pub fn cluster(patches: &[PatchRecord]) -> (Vec<RayNode>, Vec<RayPatch>) {
+    let boxes = patches.iter().map(|p| {
+        let b = Bounds::of(&p.corners_m.map(|c| DVec3::from_array(c.map(f64::from))));
+        (b.min.as_vec3().to_array(), b.max.as_vec3().to_array())
+    });
+    let (nodes, order) = hierarchy(boxes, 4);
+    let records = order
+        .iter()
+        .map(|&i| {
+            let p = &patches[i as usize];
+            RayPatch {
+                corners_m: p.corners_m,
+                patch: i,
+                corner_count: u32::from(p.corner_count),
+                area_m2: p.area_m2,
+                reserved: 0,
+            }
+        })
+        .collect();
+    (nodes, records)
+}
+
+/// The structure over all clusters: nodes, and the clusters in leaf order. Grows with the number of
+/// clusters (about 150 bytes each), the one thing in a store's making that does.
+#[must_use]
+pub fn top(clusters: &[(ClusterRef, [f32; 3], [f32; 3])]) -> (Vec<RayNode>, Vec<ClusterRef>) {
+    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)), 2);
+    (nodes, order.iter().map(|&i| clusters[i as usize].0).collect())
+}

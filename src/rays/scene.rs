@@ -1,0 +1,59 @@
+//! The rays' view of a model: the top level, and the clusters' structures in one mapped file.
+
+use crate::model::rays::{ClusterRaysView, ClusterRef, RayNode, RayPatch, TopRaysView};
+
+/// A patch anywhere in the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PatchKey {
+    /// Cluster number.
+    pub cluster: u32,
+    /// Patch number within it.
+    pub patch: u32,
+}
+
+/// Everything that rays can meet.
+#[derive(Clone, Copy)]
+pub struct RayScene<'a> {
+    pub(super) top: TopRaysView<'a>,
+    file: &'a [u8],
+    /// Faces this near coincide, m.
+    pub(super) snap_m: f64,
+}
+
+impl<'a> RayScene<'a> {
+    /// From the top extent and the whole segment file that it and all clusters' structures lie in;
+    /// what is wrong with them otherwise. `snap_m`: faces this near coincide.
+    pub fn new(top: TopRaysView<'a>, file: &'a [u8], snap_m: f64) -> Result<Self, String> {
+        let scene = Self { top, file, snap_m };
+        for at in top.clusters {
+            if scene.try_cluster(at).is_none() {
+                return Err(format!("the ray structure of cluster {} lies outside its segment", at.cluster));
+            }
+        }
+        Ok(scene)
+    }
+
+    fn slice<T: bytemuck::Pod>(&self, at: u64, count: u32) -> Option<&'a [T]> {
+        let start = usize::try_from(at).ok()?;
+        let bytes = self.file.get(start..start.checked_add(count as usize * size_of::<T>())?)?;
+        bytemuck::try_cast_slice(bytes).ok()
+    }
+
+    fn try_cluster(&self, at: &ClusterRef) -> Option<ClusterRaysView<'a>> {
+        Some(ClusterRaysView {
+            nodes: self.slice::<RayNode>(at.nodes_at, at.nodes)?,
+            patches: self.slice::<RayPatch>(at.patches_at, at.patches)?,
+        })
+    }
+
+    #[inline]
+    pub(super) fn cluster(&self, at: &ClusterRef) -> ClusterRaysView<'a> {
+        self.try_cluster(at).expect("`new` checked every cluster")
+    }
+
+    /// Faces this near coincide, m.
+    #[must_use]
+    pub fn snap_m(&self) -> f64 {
+        self.snap_m
+    }
+}

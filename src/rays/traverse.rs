@@ -1,0 +1,319 @@
+//! Traversal: is a segment blocked, and what does a ray meet first. f64, edge-safe.
+//!
+//! The triangle test evaluates each edge's Pluecker product in an order that the neighbour across
+//! the edge mirrors exactly, and counts zero as inside: a ray through a shared edge meets at least
+//! one of the two. Where faces coincide, a ray meets the one that fronts it: see [`Rank`].
+
+use glam::DVec3;
+
+use super::scene::{PatchKey, RayScene};
+use crate::model::rays::{RayNode, RayPatch};
+
+/// Which of several coincident faces a viewer sees: the least. Fronts before backs, then the
+/// smaller (a panel laid on a ceiling), then the first.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub struct Rank(bool, f32, PatchKey);
+
+impl Rank {
+    /// Of a patch seen on its front or back.
+    #[must_use]
+    pub fn new(front: bool, area_m2: f32, key: PatchKey) -> Self {
+        Self(!front, area_m2, key)
+    }
+}
+
+/// One end of a segment, on a patch that the segment itself never meets.
+#[derive(Clone, Copy, Debug)]
+pub struct RayEnd {
+    /// The patch.
+    pub key: PatchKey,
+    /// Its unit front normal.
+    pub normal: DVec3,
+    /// Its place among coincident faces, for the side that the segment touches.
+    pub rank: Rank,
+}
+
+/// What a ray met first.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// The patch.
+    pub key: PatchKey,
+    /// Its unit front normal.
+    pub normal: DVec3,
+    /// Whether its front was met.
+    pub front: bool,
+    /// Distance in lengths of the ray's direction.
+    pub t: f64,
+}
+
+struct Ray {
+    from: DVec3,
+    along: DVec3,
+    inverse: DVec3,
+}
+
+impl Ray {
+    fn new(from: DVec3, along: DVec3) -> Self {
+        let safe = |x: f64| if x.abs() < 1e-200 { 1e200_f64.copysign(x) } else { 1.0 / x };
+        Self { from, along, inverse: DVec3::new(safe(along.x), safe(along.y), safe(along.z)) }
+    }
+
+    /// Entry distance into a box if the ray meets it within `from..=to`.
+    #[inline]
+    fn enters(&self, node: &RayNode, from: f64, to: f64) -> Option<f64> {
+        let a = (DVec3::from_array(node.min_m.map(f64::from)) - self.from) * self.inverse;
+        let b = (DVec3::from_array(node.max_m.map(f64::from)) - self.from) * self.inverse;
+        let (low, high) = (a.min(b), a.max(b));
+        // A slab's rounding error is a few ulp of its distances: widen by far more than that.
+        let near = low.x.max(low.y).max(low.z);
+        let far = high.x.min(high.y).min(high.z);
+        let near = (near - near.abs() * 1e-14).max(from);
+        let far = (far + far.abs() * 1e-14).min(to);
+        (near <= far).then_some(near)
+    }
+
+    /// Distance to the plane of triangle `a b c` where the ray crosses the triangle.
+    #[inline]
+    fn crosses(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
+        let side = |p: DVec3, q: DVec3| self.along.dot(p.cross(q));
+        let (u, v, w) = (side(a, b), side(b, c), side(c, a));
+        let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+        if !inside {
+            return None;
+        }
+        let normal = (b - a).cross(c - a);
+        let speed = normal.dot(self.along);
+        (speed != 0.0).then(|| normal.dot(a) / speed)
+    }
+
+    /// Distance to a patch: corners are taken relative to the ray's start.
+    #[inline]
+    fn meets(&self, patch: &RayPatch) -> Option<f64> {
+        let corner = |i: usize| DVec3::from_array(patch.corners_m[i].map(f64::from)) - self.from;
+        let (a, b, c) = (corner(0), corner(1), corner(2));
+        self.crosses(a, b, c).or_else(|| if patch.corner_count == 4 { self.crosses(a, c, corner(3)) } else { None })
+    }
+}
+
+/// Unit front normal of a patch.
+#[must_use]
+pub fn patch_normal(patch: &RayPatch) -> DVec3 {
+    let corner = |i: usize| DVec3::from_array(patch.corners_m[i].map(f64::from));
+    (corner(2) - corner(0))
+        .cross(corner(3) - corner(1))
+        .normalize_or((corner(1) - corner(0)).cross(corner(2) - corner(0)).normalize_or_zero())
+}
+
+/// Cosine above which two planes count as parallel (2.5 degrees).
+const PARALLEL: f64 = 0.999;
+
+impl RayScene<'_> {
+    /// Visits every patch that the ray crosses within `low..=limit`, near boxes first; `met` may
+    /// lower the limit, and stops the visit by returning true.
+    #[inline]
+    fn visit(&self, ray: &Ray, low: f64, mut limit: f64, mut met: impl FnMut(u32, &RayPatch, f64, &mut f64) -> bool) {
+        let mut top = Stack::new();
+        top.push(0);
+        while let Some(at) = top.pop() {
+            let node = &self.top.nodes[at as usize];
+            if ray.enters(node, low, limit).is_none() {
+                continue;
+            }
+            if node.count == 0 {
+                top.push_nearer_last(ray, self.top.nodes, node.first, low, limit);
+                continue;
+            }
+            for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
+                let rays = self.cluster(reference);
+                let mut stack = Stack::new();
+                stack.push(0);
+                while let Some(at) = stack.pop() {
+                    let node = &rays.nodes[at as usize];
+                    if ray.enters(node, low, limit).is_none() {
+                        continue;
+                    }
+                    if node.count == 0 {
+                        stack.push_nearer_last(ray, rays.nodes, node.first, low, limit);
+                        continue;
+                    }
+                    for patch in &rays.patches[node.first as usize..(node.first + node.count) as usize] {
+                        if let Some(t) = ray.meets(patch)
+                            && t >= low
+                            && t <= limit
+                            && met(reference.cluster, patch, t, &mut limit)
+                        {
+                            return;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// How far beyond its end a ray must look for faces that coincide with it.
+    fn reach(&self, along: DVec3, end: &RayEnd) -> f64 {
+        let speed = along.dot(end.normal).abs();
+        if speed > 0.0 { (2.0 * self.snap_m / speed).min(0.5) } else { 0.0 }
+    }
+
+    /// Whether `patch`, crossed at a plane distance within the snap length of `end`, coincides with
+    /// it; then whether it is what is seen instead.
+    fn covers(
+        &self,
+        along: DVec3,
+        gap: f64,
+        end: &RayEnd,
+        cluster: u32,
+        patch: &RayPatch,
+        leaving: bool,
+    ) -> Option<bool> {
+        let normal = patch_normal(patch);
+        let coincide = (gap * along.dot(end.normal)).abs() <= self.snap_m && normal.dot(end.normal).abs() > PARALLEL;
+        coincide.then(|| {
+            let front = (normal.dot(along) > 0.0) == leaving;
+            Rank::new(front, patch.area_m2, PatchKey { cluster, patch: patch.patch }) < end.rank
+        })
+    }
+
+    /// Whether anything lies between two points on two patches; neither patch counts.
+    #[must_use]
+    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
+        let ray = Ray::new(from, to - from);
+        let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
+        let mut blocked = false;
+        self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
+            let key = PatchKey { cluster, patch: patch.patch };
+            if key == start.key || key == end.key {
+                return false;
+            }
+            blocked = if t <= before
+                && let Some(covers) = self.covers(ray.along, t, start, cluster, patch, true)
+            {
+                covers
+            } else if t >= 1.0 - after
+                && let Some(covers) = self.covers(ray.along, 1.0 - t, end, cluster, patch, false)
+            {
+                covers
+            } else {
+                t > 0.0 && t < 1.0
+            };
+            blocked
+        });
+        blocked
+    }
+
+    /// Whether anything lies between a free point and a point on a patch, which itself never counts.
+    #[must_use]
+    pub fn blocked_from(&self, from: DVec3, to: DVec3, end: &RayEnd) -> bool {
+        let free = RayEnd { key: PatchKey { cluster: u32::MAX, patch: u32::MAX }, normal: DVec3::ZERO, rank: end.rank };
+        self.blocked(from, to, &free, end)
+    }
+
+    /// What a ray from a patch (if any) meets first; of coincident faces the one that fronts it.
+    /// `Covered` if the start itself lies under another face.
+    #[must_use]
+    pub fn nearest(&self, from: DVec3, along: DVec3, start: Option<&RayEnd>) -> Nearest {
+        let ray = Ray::new(from, along);
+        let before = start.map_or(0.0, |s| self.reach(along, s));
+        let mut covered = false;
+        let mut best: Option<(Hit, Rank)> = None;
+        self.visit(&ray, -before, f64::INFINITY, |cluster, patch, t, limit| {
+            let key = PatchKey { cluster, patch: patch.patch };
+            if let Some(start) = start {
+                if key == start.key {
+                    return false;
+                }
+                if t <= before
+                    && let Some(covers) = self.covers(along, t, start, cluster, patch, true)
+                {
+                    covered |= covers;
+                    return covered;
+                }
+            }
+            if t <= 0.0 {
+                return false;
+            }
+            let normal = patch_normal(patch);
+            let speed = normal.dot(along);
+            let hit = Hit { key, normal, front: speed < 0.0, t };
+            let rank = Rank::new(hit.front, patch.area_m2, key);
+            // Faces within the snap length of the nearest compete by rank; others by distance.
+            let slack = 2.0 * self.snap_m / speed.abs().max(1e-6 * along.length());
+            let wins = best.as_ref().is_none_or(|(other, other_rank)| {
+                let gap = (t - other.t) * speed.abs();
+                if gap.abs() <= self.snap_m && normal.dot(other.normal).abs() > PARALLEL {
+                    rank < *other_rank
+                } else {
+                    t < other.t || (t == other.t && rank < *other_rank)
+                }
+            });
+            if wins {
+                *limit = t + slack;
+                best = Some((hit, rank));
+            }
+            false
+        });
+        match best {
+            _ if covered => Nearest::Covered,
+            Some((hit, _)) => Nearest::Met(hit),
+            None => Nearest::Escaped,
+        }
+    }
+}
+
+/// Where a ray ends.
+#[derive(Clone, Copy, Debug)]
+pub enum Nearest {
+    /// On a patch.
+    Met(Hit),
+    /// Outside the model.
+    Escaped,
+    /// Nowhere: another face covers the place it starts from.
+    Covered,
+}
+
+/// Deepest stack of a traversal; obvhs keeps its trees below 96 levels.
+const DEPTH: usize = 128;
+
+struct Stack {
+    nodes: [u32; DEPTH],
+    count: usize,
+}
+
+impl Stack {
+    #[inline]
+    fn new() -> Self {
+        Self { nodes: [0; DEPTH], count: 0 }
+    }
+
+    #[inline]
+    fn push(&mut self, node: u32) {
+        self.nodes[self.count] = node;
+        self.count += 1;
+    }
+
+    #[inline]
+    fn pop(&mut self) -> Option<u32> {
+        self.count = self.count.checked_sub(1)?;
+        Some(self.nodes[self.count])
+    }
+
+    #[inline]
+    fn push_nearer_last(&mut self, ray: &Ray, nodes: &[RayNode], first: u32, low: f64, limit: f64) {
+        let left = ray.enters(&nodes[first as usize], low, limit);
+        let right = ray.enters(&nodes[first as usize + 1], low, limit);
+        match (left, right) {
+            (Some(l), Some(r)) if l <= r => {
+                self.push(first + 1);
+                self.push(first);
+            }
+            (Some(_), Some(_)) => {
+                self.push(first);
+                self.push(first + 1);
+            }
+            (Some(_), None) => self.push(first),
+            (None, Some(_)) => self.push(first + 1),
+            (None, None) => {}
+        }
+    }
+}
