@@ -1,1 +1,241 @@
-//! (shaft)
+//! Shafts: the convex hull of two polygons that face each other, and what lies in it.
+//!
+//! If nothing does, every segment between them is free; if one patch cuts the whole hull, none is.
+//! Both are proofs, so links inherit them. Source of the idea: Haines and Wallace 1991.
+
+use glam::DVec3;
+
+use super::scene::{PatchKey, RayScene};
+use super::traverse::{Rank, RayEnd};
+use crate::geom::bounds::Bounds;
+use crate::geom::polygon::Polygon;
+use crate::model::rays::{RayNode, RayPatch};
+
+/// What a shaft holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Contents {
+    /// No geometry: all segments are free.
+    Nothing,
+    /// A patch that cuts every segment.
+    Wall,
+    /// Something: segments have to be tried.
+    Something,
+}
+
+struct Plane {
+    /// Unit, pointing out of the shaft.
+    normal: DVec3,
+    offset: f64,
+}
+
+/// One of the two polygons with what the rays know of its patch.
+#[derive(Clone, Copy)]
+pub struct ShaftEnd<'a> {
+    /// The polygon, clipped to the front of the other's plane.
+    pub shape: &'a Polygon,
+    /// Its patch.
+    pub end: RayEnd,
+}
+
+struct Shaft<'a> {
+    ends: [ShaftEnd<'a>; 2],
+    planes: Vec<Plane>,
+    bounds: Bounds,
+    slack_m: f64,
+    snap_m: f64,
+}
+
+impl<'a> Shaft<'a> {
+    fn new(a: ShaftEnd<'a>, b: ShaftEnd<'a>, snap_m: f64) -> Self {
+        let corners = a.shape.corners().iter().chain(b.shape.corners());
+        let bounds = corners.fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
+        // Touching is not blocking: walls that end on the hull may lean in by the rounding of
+        // coordinates, which the snap length exceeds many times.
+        let mut shaft = Self { ends: [a, b], planes: Vec::with_capacity(16), bounds, slack_m: snap_m / 8.0, snap_m };
+        shaft.support(a.shape, b.shape);
+        shaft.support(b.shape, a.shape);
+        for end in [a, b] {
+            let c = end.shape.corners();
+            shaft.add(end.shape.normal(), c[0]);
+        }
+        shaft
+    }
+
+    /// Adds the planes through an edge of `edges` and a corner of `tips` that hold all corners.
+    fn support(&mut self, edges: &Polygon, tips: &Polygon) {
+        let c = edges.corners();
+        for i in 0..c.len() {
+            let along = c[(i + 1) % c.len()] - c[i];
+            for tip in tips.corners() {
+                let normal = along.cross(*tip - c[i]);
+                let length = normal.length();
+                if length > 1e-12 * along.length_squared() {
+                    self.add(normal / length, c[i]);
+                }
+            }
+        }
+    }
+
+    /// Adds a plane, turned outwards, unless corners lie on both sides or it is there already.
+    fn add(&mut self, normal: DVec3, through: DVec3) {
+        let offset = normal.dot(through);
+        let tolerance = self.slack_m * 0.5;
+        let (mut low, mut high) = (0.0f64, 0.0f64);
+        for end in &self.ends {
+            for corner in end.shape.corners() {
+                let distance = normal.dot(*corner) - offset;
+                low = low.min(distance);
+                high = high.max(distance);
+            }
+        }
+        let plane = if high <= tolerance {
+            Plane { normal, offset: offset + high }
+        } else if low >= -tolerance {
+            Plane { normal: -normal, offset: -(offset + low) }
+        } else {
+            return;
+        };
+        let known = |p: &Plane| p.normal.dot(plane.normal) > 1.0 - 1e-12 && (p.offset - plane.offset).abs() <= tolerance;
+        if !self.planes.iter().any(known) {
+            self.planes.push(plane);
+        }
+    }
+
+    fn misses_box(&self, node: &RayNode) -> bool {
+        let bounds = Bounds::from_f32(node.min_m, node.max_m);
+        let grown = Bounds { min: self.bounds.min - self.snap_m, max: self.bounds.max + self.snap_m };
+        if !bounds.meets(grown) {
+            return true;
+        }
+        // A plane misses the box if the box's innermost corner is outside; faces that coincide with
+        // an end within the snap length must not be lost.
+        self.planes.iter().any(|p| {
+            let inner = DVec3::select(p.normal.cmpge(DVec3::ZERO), bounds.min, bounds.max);
+            p.normal.dot(inner) - p.offset > self.snap_m
+        })
+    }
+
+    fn holds(&self, cluster: u32, patch: &RayPatch) -> Contents {
+        let key = PatchKey { cluster, patch: patch.patch };
+        if self.ends.iter().any(|e| e.end.key == key) {
+            return Contents::Nothing;
+        }
+        let count = patch.corner_count as usize;
+        let all = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
+        let corners = &all[..count];
+        let normal = super::traverse::patch_normal(patch);
+        for e in &self.ends {
+            if self.coincides(e, corners, normal) {
+                let front = normal.dot(self.facing(e)) > 0.0;
+                let covers = Rank::new(front, patch.area_m2, key) < e.end.rank;
+                return if covers && !self.beside(corners) { Contents::Something } else { Contents::Nothing };
+            }
+        }
+        if self.beside(corners) || self.touches_only(corners[0], normal) {
+            return Contents::Nothing;
+        }
+        if self.is_cut_by(corners, normal) { Contents::Wall } else { Contents::Something }
+    }
+
+    /// The normal of an end's side that looks into the shaft.
+    fn facing(&self, e: &ShaftEnd<'_>) -> DVec3 {
+        let other = if e.end.key == self.ends[0].end.key { &self.ends[1] } else { &self.ends[0] };
+        let towards = other.shape.centre() - e.shape.centre();
+        if towards.dot(e.end.normal) >= 0.0 { e.end.normal } else { -e.end.normal }
+    }
+
+    fn coincides(&self, e: &ShaftEnd<'_>, corners: &[DVec3], normal: DVec3) -> bool {
+        let through = e.shape.corners()[0];
+        normal.dot(e.end.normal).abs() > 0.999
+            && corners.iter().all(|c| (*c - through).dot(e.end.normal).abs() <= self.snap_m)
+    }
+
+    /// Whether all corners lie outside one plane of the shaft, or on it.
+    fn beside(&self, corners: &[DVec3]) -> bool {
+        self.planes.iter().any(|p| {
+            // The ends' own planes bound coincident faces, which the caller has dealt with.
+            corners.iter().all(|c| p.normal.dot(*c) - p.offset >= -self.slack_m)
+                && !self.ends.iter().any(|e| {
+                    p.normal.dot(e.end.normal).abs() > 1.0 - 1e-9 && self.coincides(e, corners, e.end.normal)
+                })
+        })
+    }
+
+    /// Whether the whole shaft lies on one side of the patch's plane.
+    fn touches_only(&self, through: DVec3, normal: DVec3) -> bool {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for e in &self.ends {
+            for c in e.shape.corners() {
+                let distance = (*c - through).dot(normal);
+                low = low.min(distance);
+                high = high.max(distance);
+            }
+        }
+        high <= self.slack_m || low >= -self.slack_m
+    }
+
+    /// Whether every segment from one end to the other crosses the patch.
+    fn is_cut_by(&self, corners: &[DVec3], normal: DVec3) -> bool {
+        let [a, b] = &self.ends;
+        let side = |p: &Polygon, sign: f64| p.corners().iter().all(|c| sign * (*c - corners[0]).dot(normal) > 0.0);
+        let sign = if side(a.shape, 1.0) && side(b.shape, -1.0) {
+            1.0
+        } else if side(a.shape, -1.0) && side(b.shape, 1.0) {
+            -1.0
+        } else {
+            return false;
+        };
+        // From the side that the normal points to, the corners run anticlockwise: segments that go
+        // down through the patch pass every edge on the same side.
+        (0..corners.len()).all(|i| {
+            let (p, q) = (corners[i], corners[(i + 1) % corners.len()]);
+            a.shape.corners().iter().all(|from| {
+                let (p, q) = (p - *from, q - *from);
+                let turn = p.cross(q) * sign;
+                b.shape.corners().iter().all(|to| turn.dot(*to - *from) < 0.0)
+            })
+        })
+    }
+}
+
+impl RayScene<'_> {
+    /// What lies between two polygons, the patches they lie on left out.
+    #[must_use]
+    pub fn shaft(&self, a: ShaftEnd<'_>, b: ShaftEnd<'_>) -> Contents {
+        let shaft = Shaft::new(a, b, self.snap_m);
+        let mut found = Contents::Nothing;
+        let mut top = vec![0u32];
+        while let Some(at) = top.pop() {
+            let node = &self.top.nodes[at as usize];
+            if shaft.misses_box(node) {
+                continue;
+            }
+            if node.count == 0 {
+                top.extend([node.first, node.first + 1]);
+                continue;
+            }
+            for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
+                let rays = self.cluster(reference);
+                let mut stack = vec![0u32];
+                while let Some(at) = stack.pop() {
+                    let node = &rays.nodes[at as usize];
+                    if shaft.misses_box(node) {
+                        continue;
+                    }
+                    if node.count == 0 {
+                        stack.extend([node.first, node.first + 1]);
+                        continue;
+                    }
+                    for patch in &rays.patches[node.first as usize..(node.first + node.count) as usize] {
+                        match shaft.holds(reference.cluster, patch) {
+                            Contents::Wall => return Contents::Wall,
+                            Contents::Something => found = Contents::Something,
+                            Contents::Nothing => {}
+                        }
+                    }
+                }
+            }
+        }
+        found
+    }
+}
