@@ -95,7 +95,8 @@ impl<'a> Shaft<'a> {
         } else {
             return;
         };
-        let known = |p: &Plane| p.normal.dot(plane.normal) > 1.0 - 1e-12 && (p.offset - plane.offset).abs() <= tolerance;
+        let known =
+            |p: &Plane| p.normal.dot(plane.normal) > 1.0 - 1e-12 && (p.offset - plane.offset).abs() <= tolerance;
         if !self.planes.iter().any(known) {
             self.planes.push(plane);
         }
@@ -155,9 +156,10 @@ impl<'a> Shaft<'a> {
         self.planes.iter().any(|p| {
             // The ends' own planes bound coincident faces, which the caller has dealt with.
             corners.iter().all(|c| p.normal.dot(*c) - p.offset >= -self.slack_m)
-                && !self.ends.iter().any(|e| {
-                    p.normal.dot(e.end.normal).abs() > 1.0 - 1e-9 && self.coincides(e, corners, e.end.normal)
-                })
+                && !self
+                    .ends
+                    .iter()
+                    .any(|e| p.normal.dot(e.end.normal).abs() > 1.0 - 1e-9 && self.coincides(e, corners, e.end.normal))
         })
     }
 

@@ -1,1 +1,16 @@
-//! (to be written)
+//! The physics: form factors, visibility of links, oracle, refinement, push-pull, closure, relaxation.
+//! Pure: views of records in, records out.
+
+pub mod closure;
+pub mod contour;
+pub mod form_factor;
+pub mod gather_point;
+pub mod link_rows;
+pub mod mesh;
+pub mod oracle;
+pub mod pair;
+pub mod push_pull;
+pub mod refine;
+pub mod relax;
+pub mod sight;
+pub mod source;
