@@ -45,10 +45,14 @@ pub struct LeafClosure {
     pub factor: f32,
     /// Form factor to the escape, after closing.
     pub escape: f32,
-    /// Sum of form factors before scaling, escape included.
-    pub row_sum: f32,
+    /// Sum of its links' form factors, before closing.
+    pub link_sum: f32,
     /// Standard error of that sum.
-    pub row_error: f32,
+    pub link_error: f32,
+    /// Form factor to the escape as measured by rays.
+    pub measured_escape: f32,
+    /// Form factor that no link accounts for, after closing.
+    pub unlinked: f32,
 }
 
 /// A link extent's arrays.

@@ -1,1 +1,130 @@
-//! (to be written)
+//! Gather at a point: what arrives at one place of a surface, over the links of the elements that
+//! hold it. Form factors and visibility are those of the point, not of the element.
+
+use glam::DVec3;
+
+use super::form_factor;
+use super::link_rows::Link;
+use super::pair::Node;
+use super::source::ClusterView;
+use crate::base::Rgb;
+use crate::geom::sequence::{Sequence, mix};
+use crate::model::links::{LeafClosure, Visibility};
+use crate::rays::RayScene;
+
+/// The place: a point on a patch side.
+pub struct Place<'a> {
+    /// Position, m from the store's origin.
+    pub point: DVec3,
+    /// The leaf that holds it.
+    pub leaf: &'a Node,
+    /// How its row was closed.
+    pub closure: Option<&'a LeafClosure>,
+}
+
+/// Sums over links as they are visited.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Gathered {
+    /// Irradiance before closing, W/m2.
+    pub irradiance: Rgb,
+    /// Sum of form factors.
+    pub row_sum: f64,
+}
+
+/// Rays from a point to one source whose visibility is partial: at least, at most.
+const RAYS: (u64, u64) = (16, 256);
+
+/// Adds what arrives over one link of an element that holds the place. Sources whose light varies
+/// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
+pub fn add_link(
+    scene: &RayScene<'_>,
+    place: &Place<'_>,
+    source_view: &ClusterView<'_>,
+    link: &Link,
+    allowed: f64,
+    gathered: &mut Gathered,
+    rays: &mut u64,
+) {
+    if link.class == Visibility::Hidden {
+        return;
+    }
+    let patch = &source_view.geometry.patches[usize::from(link.source.patch_side().patch)];
+    let s = Node::at(source_view.id, patch, link.source);
+    add_source(scene, place, source_view, &s, link.class, allowed, gathered, rays);
+}
+
+#[allow(clippy::too_many_arguments, reason = "a recursion's state")]
+fn add_source(
+    scene: &RayScene<'_>,
+    place: &Place<'_>,
+    view: &ClusterView<'_>,
+    s: &Node,
+    class: Visibility,
+    allowed: f64,
+    gathered: &mut Gathered,
+    rays: &mut u64,
+) {
+    if s.height(place.point) <= 0.0 {
+        return;
+    }
+    let open = form_factor::point_to_polygon(place.point, place.leaf.normal, &s.shape);
+    if open == 0.0 {
+        return;
+    }
+    let source = view.source(s.name);
+    if source.divided && open * source.spread > allowed {
+        for quarter in 0..4 {
+            add_source(scene, place, view, &s.child(quarter), class, allowed, gathered, rays);
+        }
+        return;
+    }
+    let share = if class == Visibility::Visible {
+        1.0
+    } else {
+        let importance = open * source.radiosity.max() / allowed.max(f64::MIN_POSITIVE);
+        visible_share(scene, place, s, importance, rays)
+    };
+    gathered.irradiance += source.radiosity * (open * share);
+    gathered.row_sum += open * share;
+}
+
+/// Share of the source that the point sees, weighted by the kernel.
+fn visible_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Node, importance: f64, rays: &mut u64) -> f64 {
+    let count = (importance * importance).clamp(RAYS.0 as f64, RAYS.1 as f64) as u64;
+    let p = place.point;
+    let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
+    let sequence = Sequence::new(mix(s.name.0) ^ bits);
+    let softening = 0.1 * s.shape.area();
+    let (mut all, mut visible) = (0.0, 0.0);
+    for index in 0..count {
+        let [_, _, c, d] = sequence.point(index);
+        let to = s.shape.point(c, d);
+        let along = to - p;
+        let (cos_r, cos_s) = (place.leaf.normal.dot(along), -s.normal.dot(along));
+        if cos_r <= 0.0 || cos_s <= 0.0 {
+            continue;
+        }
+        let distance_squared = along.length_squared();
+        let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
+        all += weight;
+        *rays += 1;
+        if !scene.blocked(p, to, &place.leaf.end, &s.end) {
+            visible += weight;
+        }
+    }
+    if all > 0.0 { visible / all } else { 0.0 }
+}
+
+/// Irradiance at the place, its row closed as its leaf's was: to the same sum.
+#[must_use]
+pub fn finish(place: &Place<'_>, gathered: &Gathered) -> Rgb {
+    let Some(closure) = place.closure else { return gathered.irradiance };
+    let closed = 1.0 - f64::from(closure.escape) - f64::from(closure.unlinked);
+    let target = f64::from(closure.factor) * f64::from(closure.link_sum);
+    // Where the leaf's links fill the hemisphere the point's must too; elsewhere the leaf's mean
+    // says nothing about the point, and only its own scale applies.
+    if closure.escape == 0.0 && closure.unlinked == 0.0 && gathered.row_sum > 0.5 && target > 0.0 {
+        return gathered.irradiance * (closed / gathered.row_sum);
+    }
+    gathered.irradiance * f64::from(closure.factor)
+}

@@ -10,6 +10,7 @@ pub mod mesh;
 pub mod oracle;
 pub mod pair;
 pub mod push_pull;
+pub mod records;
 pub mod refine;
 pub mod relax;
 pub mod sight;

@@ -1,1 +1,70 @@
-//! (to be written)
+//! Nodes as geometry: an element's shape, the side that takes part, and how rays know it.
+
+use glam::DVec3;
+
+use crate::base::{ClusterId, NodeName, PatchSide};
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree;
+use crate::model::geometry::PatchRecord;
+use crate::rays::traverse::Rank;
+use crate::rays::{PatchKey, RayEnd};
+
+/// An element with its shape.
+#[derive(Clone, Copy, Debug)]
+pub struct Node {
+    /// Its name.
+    pub name: NodeName,
+    /// Its shape, winding towards the patch's front, m.
+    pub shape: Polygon,
+    /// Unit normal of its side.
+    pub normal: DVec3,
+    /// Its patch, as a ray's end.
+    pub end: RayEnd,
+}
+
+impl Node {
+    /// The whole of a patch side.
+    #[must_use]
+    pub fn root(cluster: ClusterId, patch: &PatchRecord, at: PatchSide) -> Self {
+        let shape = quadtree::patch_polygon(patch);
+        let front = shape.normal();
+        let key = PatchKey { cluster: cluster.0, patch: u32::from(at.patch) };
+        let end = RayEnd { key, normal: front, rank: Rank::new(at.side == 0, patch.area_m2, key) };
+        let normal = if at.side == 0 { front } else { -front };
+        Self { name: NodeName::root(cluster, at), shape, normal, end }
+    }
+
+    /// The element at `path` of a patch side.
+    #[must_use]
+    pub fn at(cluster: ClusterId, patch: &PatchRecord, name: NodeName) -> Self {
+        let mut node = Self::root(cluster, patch, name.patch_side());
+        node.shape = quadtree::element_polygon(patch, name.path());
+        node.name = name;
+        node
+    }
+
+    /// One of its four children.
+    #[must_use]
+    pub fn child(&self, quarter: u32) -> Self {
+        Self { name: self.name.child(quarter), shape: quadtree::child(&self.shape, quarter), ..*self }
+    }
+
+    /// Height of a point over the plane of the node's side, m.
+    #[must_use]
+    pub fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point - self.shape.corners()[0])
+    }
+
+    /// Whether part of each lies in front of the other by more than rounding.
+    #[must_use]
+    pub fn faces(&self, other: &Self, slack_m: f64) -> bool {
+        other.shape.corners().iter().any(|c| self.height(*c) > slack_m)
+            && self.shape.corners().iter().any(|c| other.height(*c) > slack_m)
+    }
+
+    /// The part of this node's shape that lies in front of `other`.
+    #[must_use]
+    pub fn in_front_of(&self, other: &Self) -> Polygon {
+        self.shape.clip(other.normal, other.normal.dot(other.shape.corners()[0]))
+    }
+}

@@ -1,1 +1,321 @@
-//! (to be written)
+//! Refinement of one receiving cluster: tests stored links, links sources not yet linked, splits
+//! receivers where light changes. Foreign sources are refined by name alone.
+
+use std::collections::HashSet;
+
+use super::link_rows::Link;
+use super::mesh::Mesh;
+use super::oracle::{self, Case, Tolerances, Verdict};
+use super::pair::Node;
+use super::sight::{self, Care, Sight};
+use super::source::{ClusterView, Clusters};
+use crate::base::name::MAX_DEPTH;
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result};
+use crate::model::links::Visibility;
+use crate::rays::RayScene;
+
+/// Which sources are linked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// Emitters alone, as in the first iteration.
+    Lights,
+    /// All sides that are seen; dark ones too where anything lights the receiver, so that rows close.
+    Everything,
+}
+
+/// What stays the same over a task.
+pub struct Context<'a> {
+    /// What rays can meet.
+    pub scene: RayScene<'a>,
+    /// The version that is read.
+    pub clusters: &'a dyn Clusters,
+    /// Errors that matter.
+    pub tolerances: Tolerances,
+    /// From `--seed`.
+    pub seed: u64,
+    /// Which sources to link.
+    pub scope: Scope,
+    /// Where interruption is asked for.
+    pub progress: &'a dyn Progress,
+}
+
+/// What refinement did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Links whose form factor was computed, kept or not.
+    pub evaluated: u64,
+    /// Links tested and kept as stored.
+    pub reused: u64,
+    /// Rays cast.
+    pub rays: u64,
+}
+
+/// A receiving cluster in the making.
+pub struct Receiver<'a> {
+    view: ClusterView<'a>,
+    /// Its elements.
+    pub mesh: Mesh,
+    /// Links of each element of the mesh.
+    pub rows: Vec<Vec<Link>>,
+    /// Elements whose rows were changed.
+    pub changed: Vec<bool>,
+    /// What was done.
+    pub counts: Counts,
+}
+
+/// No form factor's error above this is let pass, however alike source and receiver are now.
+const LARGEST_DOUBT: f64 = 0.01;
+
+impl<'a> Receiver<'a> {
+    /// Over stored elements and links (`rows` parallel to the mesh's elements).
+    #[must_use]
+    pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
+        let changed = vec![false; rows.len()];
+        Self { view, mesh, rows, changed, counts: Counts::default() }
+    }
+
+    /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
+    /// that this one may exchange light with.
+    pub fn refine(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<()> {
+        self.test_stored(context)?;
+        let sides: Vec<Node> = (0..2 * self.view.geometry.patches.len())
+            .filter(|&i| self.view.takes_part(i))
+            .map(|i| {
+                let at = PatchSide::from_index(i);
+                Node::root(self.view.id, &self.view.geometry.patches[usize::from(at.patch)], at)
+            })
+            .collect();
+        let mut linked = self.linked_sides();
+        let all: Vec<usize> = (0..sides.len()).collect();
+        self.link_sources(context, visible, &sides, &all, &mut linked, true)?;
+        if context.scope == Scope::Everything {
+            let lit_sides = self.sides_that_see_something();
+            let lit: Vec<usize> = all.into_iter().filter(|&i| lit_sides[sides[i].name.patch_side().index()]).collect();
+            self.link_sources(context, visible, &sides, &lit, &mut linked, false)?;
+        }
+        for row in &mut self.rows {
+            row.sort_by_key(|l| l.source);
+        }
+        Ok(())
+    }
+
+    /// Patch sides that any link of each receiver side leads to: (receiver side index, source side).
+    fn linked_sides(&self) -> HashSet<(usize, u64)> {
+        let mut linked = HashSet::new();
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows) {
+            let side = element.name.patch_side().index();
+            linked.extend(row.iter().map(|l| (side, side_key(l.source))));
+        }
+        linked
+    }
+
+    fn sides_that_see_something(&self) -> Vec<bool> {
+        let mut lit = vec![false; 2 * self.view.geometry.patches.len()];
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows) {
+            if row.iter().any(|l| l.form_factor > 0.0) {
+                lit[element.name.patch_side().index()] = true;
+            }
+        }
+        lit
+    }
+
+    fn link_sources(
+        &mut self,
+        context: &Context<'_>,
+        visible: &[ClusterId],
+        sides: &[Node],
+        chosen: &[usize],
+        linked: &mut HashSet<(usize, u64)>,
+        lit: bool,
+    ) -> Result<()> {
+        if chosen.is_empty() {
+            return Ok(());
+        }
+        let slack = context.scene.snap_m() * 1e-3;
+        for &id in visible {
+            if context.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let loaded = context.clusters.cluster(id)?;
+            let view = loaded.view();
+            for index in 0..2 * view.geometry.patches.len() {
+                let at = PatchSide::from_index(index);
+                let name = NodeName::root(id, at);
+                if !view.takes_part(index) || self.is_source(context, &view, name) != lit {
+                    continue;
+                }
+                let s = Node::root(id, &view.geometry.patches[usize::from(at.patch)], at);
+                for &i in chosen {
+                    let r = &sides[i];
+                    let r_side = r.name.patch_side().index();
+                    if r.end.key == s.end.key || !r.faces(&s, slack) || !linked.insert((r_side, side_key(name))) {
+                        continue;
+                    }
+                    self.link(context, &view, r_side, r, &s, Visibility::Partial);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a patch side sends light in this iteration.
+    fn is_source(&self, context: &Context<'_>, view: &ClusterView<'_>, root: NodeName) -> bool {
+        match context.scope {
+            Scope::Lights => view.materials[root.patch_side().index()].exitance != [0.0; 3],
+            Scope::Everything => !view.source(root).radiosity.is_black(),
+        }
+    }
+
+    /// Links `r` (element `at` of the mesh) to `s`, as finely as the oracle asks for.
+    fn link(
+        &mut self,
+        context: &Context<'_>,
+        source_view: &ClusterView<'_>,
+        at: usize,
+        r: &Node,
+        s: &Node,
+        known: Visibility,
+    ) {
+        let source = source_view.source(s.name);
+        let strength = oracle::strength(source.radiosity, self.mesh.elements[at].irradiance);
+        let case = self.case(at, r, s, Visibility::Partial);
+        let allowed = (context.tolerances.link_w_m2 / strength).min(LARGEST_DOUBT);
+        let care = Care {
+            allowed,
+            can_split: oracle::can_split(&case, &context.tolerances, 2.0 * context.tolerances.link_w_m2),
+            seed: context.seed,
+        };
+        let Some(found) = sight::look(&context.scene, r, s, known, care, &mut self.counts.rays) else { return };
+        self.counts.evaluated += 1;
+        let case = Case { source_variation: variation(r, s, found.class), ..case };
+        match oracle::judge(&found, strength, &source, &case, &context.tolerances) {
+            Verdict::Keep => {
+                self.rows[at].push(Link {
+                    source: s.name,
+                    form_factor: found.form_factor as f32,
+                    spread: found.spread as f32,
+                    uncertainty: found.uncertainty as f32,
+                    class: found.class,
+                });
+                self.changed[at] = true;
+            }
+            Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, found.class),
+            Verdict::SplitSource => {
+                for quarter in 0..4 {
+                    self.link(context, source_view, at, r, &s.child(quarter), found.class);
+                }
+            }
+        }
+    }
+
+    fn link_children(
+        &mut self,
+        context: &Context<'_>,
+        source_view: &ClusterView<'_>,
+        at: usize,
+        r: &Node,
+        s: &Node,
+        known: Visibility,
+    ) {
+        if self.mesh.elements[at].is_leaf() {
+            let patch = &self.view.geometry.patches[usize::from(r.name.patch_side().patch)];
+            self.mesh.split(at, patch);
+            self.rows.resize_with(self.mesh.elements.len(), Vec::new);
+            self.changed.resize(self.mesh.elements.len(), true);
+        }
+        let first = self.mesh.elements[at].first_child as usize;
+        for quarter in 0..4u32 {
+            self.link(context, source_view, first + quarter as usize, &r.child(quarter), s, known);
+        }
+    }
+
+    fn case(&self, at: usize, r: &Node, s: &Node, class: Visibility) -> Case {
+        Case {
+            receiver_area_m2: self.mesh.elements[at].area_m2,
+            receiver_edge_m: r.shape.longest_edge(),
+            receiver_has_levels: r.name.depth() < MAX_DEPTH,
+            source_variation: variation(r, s, class),
+        }
+    }
+
+    /// Tests every stored link against today's light and refines those that no longer do. Casts no
+    /// ray and changes nothing where all do.
+    fn test_stored(&mut self, context: &Context<'_>) -> Result<()> {
+        let stored = self.mesh.elements.len();
+        for at in 0..stored {
+            if context.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let row = std::mem::take(&mut self.rows[at]);
+            if row.is_empty() {
+                continue;
+            }
+            let name = self.mesh.elements[at].name;
+            let patch = &self.view.geometry.patches[usize::from(name.patch_side().patch)];
+            let r = Node::at(self.view.id, patch, name);
+            let mut kept = Vec::with_capacity(row.len());
+            for link in row {
+                let loaded = context.clusters.cluster(link.source.cluster())?;
+                let view = loaded.view();
+                let verdict = self.test(context, &view, at, &r, &link);
+                if verdict == Verdict::Keep {
+                    self.counts.reused += 1;
+                    kept.push(link);
+                    continue;
+                }
+                self.changed[at] = true;
+                let s = node(&view, link.source);
+                match verdict {
+                    Verdict::SplitReceiver => self.link_children(context, &view, at, &r, &s, link.class),
+                    _ => {
+                        for quarter in 0..4 {
+                            self.link(context, &view, at, &r, &s.child(quarter), link.class);
+                        }
+                    }
+                }
+            }
+            // New links of this row went in while it was out.
+            kept.append(&mut self.rows[at]);
+            self.rows[at] = kept;
+        }
+        Ok(())
+    }
+
+    fn test(&self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, link: &Link) -> Verdict {
+        if link.class == Visibility::Hidden {
+            return Verdict::Keep;
+        }
+        let source = view.source(link.source);
+        let strength = oracle::strength(source.radiosity, self.mesh.elements[at].irradiance);
+        let sight = Sight {
+            form_factor: f64::from(link.form_factor),
+            spread: f64::from(link.spread),
+            uncertainty: f64::from(link.uncertainty),
+            class: link.class,
+        };
+        // The cheap bound first: shapes are needed only where it does not do.
+        let bound = (0.5 * sight.spread + sight.uncertainty) * strength + sight.form_factor * source.spread;
+        if bound <= context.tolerances.link_w_m2 {
+            return Verdict::Keep;
+        }
+        let s = node(view, link.source);
+        oracle::judge(&sight, strength, &source, &self.case(at, r, &s, link.class), &context.tolerances)
+    }
+}
+
+fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
+    Node::at(view.id, &view.geometry.patches[usize::from(name.patch_side().patch)], name)
+}
+
+/// A patch side as part of a name.
+fn side_key(name: NodeName) -> u64 {
+    name.0 >> 29
+}
+
+/// How much the kernel may vary over the source: all of it where visibility does, little from afar.
+fn variation(r: &Node, s: &Node, class: Visibility) -> f64 {
+    if class == Visibility::Partial {
+        return 1.0;
+    }
+    (3.0 * s.shape.radius() / r.shape.centre().distance(s.shape.centre()).max(f64::MIN_POSITIVE)).min(1.0)
+}

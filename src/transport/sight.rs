@@ -1,1 +1,163 @@
-//! (to be written)
+//! What a link is worth: form factor, visibility class, and how far both may be off.
+//!
+//! The shaft decides first: nothing in it, or a wall across it, are proofs that children inherit.
+//! Only partial links cast rays: stratified, weighted by the kernel, seeded by the pair of names, few
+//! first and more only while the outcome matters.
+
+use super::form_factor;
+use super::pair::Node;
+use crate::geom::quadtree;
+use crate::geom::sequence::{Sequence, mix};
+use crate::model::links::Visibility;
+use crate::rays::RayScene;
+use crate::rays::shaft::{Contents, ShaftEnd};
+
+/// A link's numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    /// Form factor receiver to source, visibility included.
+    pub form_factor: f64,
+    /// Largest deviation of that over the receiver.
+    pub spread: f64,
+    /// Standard error from sampled visibility.
+    pub uncertainty: f64,
+    /// What is known of the visibility.
+    pub class: Visibility,
+}
+
+/// How carefully to look.
+#[derive(Clone, Copy, Debug)]
+pub struct Care {
+    /// Error of the form factor that does not matter.
+    pub allowed: f64,
+    /// Whether the receiver may be split instead of casting more rays.
+    pub can_split: bool,
+    /// From `--seed`.
+    pub seed: u64,
+}
+
+/// Rays of the first batch, and the most for one link.
+const FIRST_RAYS: u64 = 8;
+const MOST_RAYS: u64 = 128;
+
+/// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
+const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
+
+/// Returns what the receiver `r` sees of the source `s`; `None` if they do not face each other.
+/// `known`: the class inherited from a pair of nodes that holds this one. Counts rays in `rays`.
+#[must_use]
+pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: Care, rays: &mut u64) -> Option<Sight> {
+    let slack = scene.snap_m() * 1e-3;
+    if !r.faces(s, slack) {
+        return None;
+    }
+    let nothing = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Hidden };
+    if known == Visibility::Hidden {
+        return Some(nothing);
+    }
+    let tolerance = (0.1 * care.allowed).clamp(1e-6, FORM_FACTOR_TOLERANCE);
+    let open = form_factor::average(&r.shape, r.normal, &s.shape, s.normal, tolerance);
+    let spread = (open.high - open.mean).max(open.mean - open.low);
+    let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible };
+    if known == Visibility::Visible {
+        return Some(clear);
+    }
+    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
+    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
+        return None;
+    }
+    let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
+    match scene.shaft(ends[0], ends[1]) {
+        Contents::Nothing => Some(clear),
+        Contents::Wall => Some(nothing),
+        Contents::Something => Some(sample(scene, r, s, &clear, care, rays)),
+    }
+}
+
+/// Shares of visible rays, whole and per quarter of the receiver.
+#[derive(Default)]
+struct Tally {
+    weight: f64,
+    weight_squared: f64,
+    visible: f64,
+    quarter_weight: [f64; 4],
+    quarter_visible: [f64; 4],
+    cast: u64,
+}
+
+impl Tally {
+    fn add(&mut self, quarter: usize, weight: f64, visible: bool) {
+        let seen = if visible { weight } else { 0.0 };
+        self.weight += weight;
+        self.weight_squared += weight * weight;
+        self.visible += seen;
+        self.quarter_weight[quarter] += weight;
+        self.quarter_visible[quarter] += seen;
+        self.cast += 1;
+    }
+
+    fn share(&self) -> f64 {
+        if self.weight > 0.0 { self.visible / self.weight } else { 0.0 }
+    }
+
+    /// Standard error of the share, never 0: all of a few rays agreeing proves little.
+    fn error(&self) -> f64 {
+        if self.weight <= 0.0 {
+            return 0.5;
+        }
+        let effective = self.weight * self.weight / self.weight_squared;
+        let share = (self.share() * effective + 0.5) / (effective + 1.0);
+        (share * (1.0 - share) / (effective + 1.0)).sqrt()
+    }
+
+    /// Deviation of the quarters' shares that rays' noise does not explain.
+    fn gradient(&self) -> f64 {
+        let share = self.share();
+        let noise = (share * (1.0 - share) * 4.0 / self.cast.max(4) as f64).sqrt();
+        let deviation = (0..4)
+            .filter(|q| self.quarter_weight[*q] > 0.0)
+            .map(|q| (self.quarter_visible[q] / self.quarter_weight[q] - share).abs())
+            .fold(0.0, f64::max);
+        (deviation - noise).max(0.0)
+    }
+}
+
+fn sample(scene: &RayScene<'_>, r: &Node, s: &Node, clear: &Sight, care: Care, rays: &mut u64) -> Sight {
+    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
+    let (low, high) = (r.name.min(s.name), r.name.max(s.name));
+    let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
+    // Bounds the kernel in contact, where a few rays would else outweigh all others.
+    let softening = 0.1 * s.shape.area();
+    let mut tally = Tally::default();
+    let mut target = FIRST_RAYS;
+    let mut index = 0;
+    loop {
+        while tally.cast < target && index < 4 * target {
+            let [a, b, c, d] = sequence.point(index);
+            let quarter = (index % 4) as usize;
+            index += 1;
+            let (from, to) = (quarters[quarter].point(a, b), s.shape.point(c, d));
+            let along = to - from;
+            let (cos_r, cos_s) = (r.normal.dot(along), -s.normal.dot(along));
+            if cos_r <= 0.0 || cos_s <= 0.0 {
+                continue;
+            }
+            let distance_squared = along.length_squared();
+            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
+            *rays += 1;
+            tally.add(quarter, weight, !scene.blocked(from, to, &r.end, &s.end));
+        }
+        let share = tally.share();
+        let doubt = clear.form_factor * tally.error();
+        let mixed = share > 0.0 && share < 1.0;
+        if doubt <= care.allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
+            return Sight {
+                form_factor: clear.form_factor * share,
+                spread: clear.spread * share + clear.form_factor * tally.gradient(),
+                uncertainty: doubt + clear.uncertainty,
+                class: Visibility::Partial,
+            };
+        }
+        target *= 2;
+    }
+}

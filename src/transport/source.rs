@@ -1,1 +1,64 @@
-//! (to be written)
+//! What the solver asks of a source: its light now, and its shape.
+
+use std::rc::Rc;
+
+use crate::base::{ClusterId, NodeName, Result, Rgb};
+use crate::model::geometry::{GeometryView, SideMaterial};
+use crate::model::light::LightView;
+
+/// Light that leaves a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SourceLight {
+    /// Radiosity, W/m2.
+    pub radiosity: Rgb,
+    /// Largest deviation of the radiosity of any leaf below, in any channel, W/m2.
+    pub spread: f64,
+    /// Whether elements below are stored.
+    pub divided: bool,
+}
+
+/// One cluster of one version.
+#[derive(Clone, Copy)]
+pub struct ClusterView<'a> {
+    /// Its number.
+    pub id: ClusterId,
+    /// Its patches.
+    pub geometry: GeometryView<'a>,
+    /// Two per patch: front, back.
+    pub materials: &'a [SideMaterial],
+    /// What arrives at its nodes.
+    pub light: LightView<'a>,
+}
+
+impl ClusterView<'_> {
+    /// Light that leaves the element `name`, by its nearest stored ancestor (exact, since nothing
+    /// finer is known).
+    #[must_use]
+    pub fn source(&self, name: NodeName) -> SourceLight {
+        let material = &self.materials[name.patch_side().index()];
+        let Some(found) = self.light.nearest(name) else { return SourceLight::default() };
+        let rho = Rgb::from_f32(material.rho);
+        let radiosity = Rgb::from_f32(material.exitance) + rho.times(Rgb::from_f32(found.irradiance));
+        let exact = found.name == name.0;
+        let spread = if exact { f64::from(found.spread) * rho.max() } else { 0.0 };
+        SourceLight { radiosity, spread, divided: exact && self.light.has_children(name) }
+    }
+
+    /// Whether a patch side takes part at all.
+    #[must_use]
+    pub fn takes_part(&self, side_index: usize) -> bool {
+        self.geometry.patches[side_index / 2].sides & (1 << (side_index % 2)) != 0
+    }
+}
+
+/// A cluster held in memory or mapped.
+pub trait Loaded {
+    /// Borrows its records.
+    fn view(&self) -> ClusterView<'_>;
+}
+
+/// Clusters of one version, fetched as needed; implemented over a store, and in memory by tests.
+pub trait Clusters {
+    /// A cluster, from a bounded cache or the disk.
+    fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>>;
+}
