@@ -41,18 +41,22 @@ pub struct LinksHead {
 pub struct LeafClosure {
     /// The leaf's name.
     pub leaf: u64,
-    /// What its links' form factors are multiplied by.
-    pub factor: f32,
+    /// What the form factors of its own links are multiplied by.
+    pub own_factor: f32,
+    /// What those of links of elements above it are multiplied by.
+    pub above_factor: f32,
     /// Form factor to the escape, after closing.
     pub escape: f32,
-    /// Sum of its links' form factors, before closing.
-    pub link_sum: f32,
-    /// Standard error of that sum.
-    pub link_error: f32,
-    /// Form factor to the escape as measured by rays.
-    pub measured_escape: f32,
     /// Form factor that no link accounts for, after closing.
     pub unlinked: f32,
+    /// Sum of form factors of its own links, before closing.
+    pub own_sum: f32,
+    /// Sum of those of links of elements above it, before closing.
+    pub above_sum: f32,
+    /// Form factor to the escape as measured by rays.
+    pub measured_escape: f32,
+    /// Standard error of both sums.
+    pub error: f32,
 }
 
 /// A link extent's arrays.

@@ -9,9 +9,12 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::link_rows::Link;
+use super::mesh::Mesh;
 use super::pair::Node;
 use crate::base::NodeName;
 use crate::geom::sequence::{Sequence, mix};
+use crate::model::geometry::NONE;
 use crate::model::links::LeafClosure;
 use crate::rays::RayScene;
 use crate::rays::traverse::Nearest;
@@ -46,10 +49,10 @@ pub fn cosine_direction(normal: DVec3, u: f64, v: f64) -> DVec3 {
 /// What is known of a row before closing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Row {
-    /// Sum of the links' form factors.
-    pub link_sum: f64,
-    /// Standard error of that sum.
-    pub link_error: f64,
+    /// Form factors of the leaf's own links.
+    pub own: Part,
+    /// Form factors of links of elements above it.
+    pub above: Part,
     /// Measured form factor to the escape.
     pub escape: f64,
     /// Form factor that the cluster's visibility list may miss.
@@ -58,37 +61,113 @@ pub struct Row {
     pub complete: bool,
 }
 
+/// Part of a row.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Part {
+    /// Sum of form factors.
+    pub sum: f64,
+    /// Its variance, from sampled visibility.
+    pub variance: f64,
+    /// Largest deviation within the leaf: a link's mean over an element is off by up to its spread in
+    /// a part of it.
+    pub bound: f64,
+}
+
+impl Part {
+    fn with(self, link: &Link) -> Self {
+        let error = f64::from(link.uncertainty);
+        Self {
+            sum: self.sum + f64::from(link.form_factor),
+            variance: self.variance + error * error,
+            bound: self.bound + f64::from(link.spread),
+        }
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self { sum: self.sum + other.sum, variance: self.variance + other.variance, bound: self.bound + other.bound }
+    }
+}
+
 /// Error of a form factor's own rounding and averaging, in a sum over a row.
 const FLOOR: f64 = 1e-4;
+
+/// Closes the rows of all leaves of a mesh that see anything; `measured` gives a leaf's escape,
+/// unseen mass and completeness. Ascending by name.
+pub fn rows(mesh: &Mesh, links: &[Vec<Link>], mut measured: impl FnMut(NodeName) -> Row) -> Vec<LeafClosure> {
+    let mut above = vec![Part::default(); mesh.elements.len()];
+    let mut out = Vec::new();
+    for (at, element) in mesh.elements.iter().enumerate() {
+        let own = links[at].iter().fold(Part::default(), |part, link| part.with(link));
+        if !element.is_leaf() {
+            let first = element.first_child as usize;
+            let down = above[at].plus(own);
+            above[first..first + 4].fill(down);
+        } else if own.sum + above[at].sum > 0.0 {
+            // The mean over the leaf itself is what its own links are for.
+            let own = Part { bound: 0.0, ..own };
+            out.push(close(element.name, &Row { own, above: above[at], ..measured(element.name) }));
+        }
+    }
+    out.sort_by_key(|c| c.leaf);
+    out
+}
 
 /// Closes a leaf's row.
 #[must_use]
 pub fn close(leaf: NodeName, row: &Row) -> LeafClosure {
-    let link_variance = row.link_error * row.link_error + FLOOR * FLOOR;
+    let variance = |part: &Part| {
+        let half_bound = 0.5 * part.bound;
+        let floor = FLOOR * part.sum;
+        part.variance + half_bound * half_bound + floor * floor
+    };
+    let (own, above) = (variance(&row.own), variance(&row.above));
     let doubt = (row.escape * (1.0 - row.escape)).max(0.25 / ESCAPE_RAYS as f64) / ESCAPE_RAYS as f64;
-    let escape_variance = if row.escape > 0.0 { doubt } else { 0.0 };
-    let gap = 1.0 - row.link_sum - row.escape;
-    let allowed = row.unseen + 3.0 * (link_variance + escape_variance).sqrt();
-    let closes = row.link_sum > 0.0 && (gap < 0.0 || (row.complete && gap <= allowed));
-    let (mut factor, mut escape) = (1.0, row.escape);
-    if closes {
-        let unseen = if gap > 0.0 { row.unseen * row.unseen } else { 0.0 };
-        let to_links = (link_variance + unseen) / (link_variance + unseen + escape_variance);
-        escape = (row.escape + gap * (1.0 - to_links)).clamp(0.0, 1.0);
-        factor = (1.0 - escape) / row.link_sum;
-        if !row.complete {
-            factor = factor.min(1.0);
-        }
+    let out = if row.escape > 0.0 { doubt } else { 0.0 };
+    let sum = row.own.sum + row.above.sum;
+    let gap = 1.0 - sum - row.escape;
+    let allowed = row.unseen + row.own.bound + row.above.bound + 3.0 * (own + above + out).sqrt();
+    let mut closed = Closed { own: row.own.sum, above: row.above.sum, escape: row.escape };
+    if gap < 0.0 || (row.complete && gap <= allowed) {
+        closed = closed.share(gap, [own, above, out], if gap > 0.0 { row.unseen } else { 0.0 });
     }
-    let unlinked = if row.complete { (1.0 - factor * row.link_sum - escape).max(0.0) } else { 0.0 };
+    let factor = |after: f64, before: f64| if before > 0.0 { after / before } else { 1.0 };
+    let unlinked = if row.complete { (1.0 - closed.own - closed.above - closed.escape).max(0.0) } else { 0.0 };
     LeafClosure {
         leaf: leaf.0,
-        factor: factor as f32,
-        escape: escape as f32,
-        link_sum: row.link_sum as f32,
-        link_error: row.link_error as f32,
-        measured_escape: row.escape as f32,
+        own_factor: factor(closed.own, row.own.sum) as f32,
+        above_factor: factor(closed.above, row.above.sum) as f32,
+        escape: closed.escape as f32,
         unlinked: unlinked as f32,
+        own_sum: row.own.sum as f32,
+        above_sum: row.above.sum as f32,
+        measured_escape: row.escape as f32,
+        error: (own + above).sqrt() as f32,
+    }
+}
+
+/// The three parts of a row while it is closed.
+struct Closed {
+    own: f64,
+    above: f64,
+    escape: f64,
+}
+
+impl Closed {
+    /// Adds a gap (or takes an excess) by variances; what lists may miss goes to links by their sums.
+    fn share(self, gap: f64, variances: [f64; 3], unseen: f64) -> Self {
+        let links = self.own + self.above;
+        let missed = unseen * unseen / links.max(f64::MIN_POSITIVE);
+        let weights = [variances[0] + missed * self.own, variances[1] + missed * self.above, variances[2]];
+        let total: f64 = weights.iter().sum();
+        let part = |i: usize| gap * weights[i] / total;
+        let shared = Self { own: self.own + part(0), above: self.above + part(1), escape: self.escape + part(2) };
+        if shared.own >= 0.0 && shared.above >= 0.0 && shared.escape >= 0.0 {
+            return shared;
+        }
+        // An excess larger than the part that is least sure: all shrink alike.
+        let whole = links + self.escape;
+        let scale = (whole + gap) / whole;
+        Self { own: self.own * scale, above: self.above * scale, escape: self.escape * scale }
     }
 }
 
@@ -101,31 +180,44 @@ mod tests {
         close(NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 }), &row)
     }
 
+    fn part(sum: f64) -> Part {
+        Part { sum, ..Part::default() }
+    }
+
     #[test]
     fn rows_over_one_are_scaled_down_and_small_gaps_up() {
-        let over = closed(Row { link_sum: 1.25, complete: true, ..Row::default() });
-        assert!((f64::from(over.factor) - 0.8).abs() < 1e-6, "{over:?}");
-        let under = closed(Row { link_sum: 0.996, unseen: 0.005, complete: true, ..Row::default() });
-        assert!((f64::from(under.factor) * 0.996 - 1.0).abs() < 1e-6, "{under:?}");
+        let over = closed(Row { own: part(1.25), complete: true, ..Row::default() });
+        assert!((f64::from(over.own_factor) - 0.8).abs() < 1e-6, "{over:?}");
+        let under = closed(Row { own: part(0.996), unseen: 0.005, complete: true, ..Row::default() });
+        assert!((f64::from(under.own_factor) * 0.996 - 1.0).abs() < 1e-6, "{under:?}");
     }
 
     #[test]
     fn a_large_gap_stays_and_is_reported() {
-        let gap = closed(Row { link_sum: 0.7, link_error: 0.01, unseen: 0.005, complete: true, ..Row::default() });
-        assert_eq!(gap.factor, 1.0);
+        let own = Part { variance: 1e-4, ..part(0.7) };
+        let gap = closed(Row { own, unseen: 0.005, complete: true, ..Row::default() });
+        assert_eq!(gap.own_factor, 1.0);
         assert!((gap.unlinked - 0.3).abs() < 1e-6, "{gap:?}");
     }
 
     #[test]
     fn the_escape_gives_way_to_links_that_are_sure() {
-        let row = closed(Row { link_sum: 0.6, link_error: 0.0, escape: 0.37, unseen: 0.0, complete: true });
-        assert!((row.factor - 1.0).abs() < 1e-3, "{row:?}");
+        let row = closed(Row { own: part(0.6), escape: 0.37, complete: true, ..Row::default() });
+        assert!((row.own_factor - 1.0).abs() < 1e-3, "{row:?}");
         assert!((f64::from(row.escape) - 0.4).abs() < 1e-3, "{row:?}");
+    }
+
+    #[test]
+    fn links_from_above_give_way_to_the_leafs_own() {
+        let above = Part { bound: 0.1, ..part(0.5) };
+        let row = closed(Row { own: part(0.6), above, complete: true, ..Row::default() });
+        assert!((row.own_factor - 1.0).abs() < 1e-4, "{row:?}");
+        assert!((f64::from(row.above_factor) * 0.5 - 0.4).abs() < 1e-4, "{row:?}");
     }
 
     #[test]
     fn an_unlit_row_stays_zero() {
         let row = closed(Row { unseen: 1.0, complete: true, ..Row::default() });
-        assert_eq!((row.factor, row.link_sum), (1.0, 0.0));
+        assert_eq!((row.own_factor, row.own_sum), (1.0, 0.0));
     }
 }

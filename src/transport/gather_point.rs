@@ -94,7 +94,7 @@ fn visible_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Node, importance: 
     let p = place.point;
     let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
     let sequence = Sequence::new(mix(s.name.0) ^ bits);
-    let softening = 0.1 * s.shape.area();
+    let softening = 2e-3 * s.shape.area();
     let (mut all, mut visible) = (0.0, 0.0);
     for index in 0..count {
         let [_, _, c, d] = sequence.point(index);
@@ -115,16 +115,16 @@ fn visible_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Node, importance: 
     if all > 0.0 { visible / all } else { 0.0 }
 }
 
-/// Irradiance at the place, its row closed as its leaf's was: to the same sum.
+/// Irradiance at the place, its row closed as its leaf's was.
+///
+/// The point's links are all evaluated at the point: what is off is sampled visibility and what lists
+/// miss. Where the leaf's row fills the hemisphere the point's must too; elsewhere only a row over 1
+/// is certainly wrong.
 #[must_use]
 pub fn finish(place: &Place<'_>, gathered: &Gathered) -> Rgb {
-    let Some(closure) = place.closure else { return gathered.irradiance };
-    let closed = 1.0 - f64::from(closure.escape) - f64::from(closure.unlinked);
-    let target = f64::from(closure.factor) * f64::from(closure.link_sum);
-    // Where the leaf's links fill the hemisphere the point's must too; elsewhere the leaf's mean
-    // says nothing about the point, and only its own scale applies.
-    if closure.escape == 0.0 && closure.unlinked == 0.0 && gathered.row_sum > 0.5 && target > 0.0 {
-        return gathered.irradiance * (closed / gathered.row_sum);
+    let full = place.closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.own_sum + c.above_sum > 0.8);
+    if gathered.row_sum > 1.0 || (full && gathered.row_sum > 0.8) {
+        return gathered.irradiance * (1.0 / gathered.row_sum);
     }
-    gathered.irradiance * f64::from(closure.factor)
+    gathered.irradiance
 }

@@ -29,6 +29,13 @@ impl Element {
         Self { name, first_child: NONE, parent, area_m2, irradiance, leaf_low: irradiance.0, leaf_high: irradiance.0 }
     }
 
+    /// Sets the irradiance of a leaf, W/m2.
+    pub fn set_irradiance(&mut self, irradiance: Rgb) {
+        self.irradiance = irradiance;
+        self.leaf_low = irradiance.0;
+        self.leaf_high = irradiance.0;
+    }
+
     /// Whether nothing lies below.
     #[must_use]
     pub fn is_leaf(&self) -> bool {
@@ -70,19 +77,20 @@ impl Mesh {
                 let first = mesh.elements[next].first_child as usize;
                 for quarter in 0..4 {
                     if let Some(stored) = light.find(name.child(quarter)) {
-                        let element = &mut mesh.elements[first + quarter as usize];
-                        *element = Element::new(
-                            element.name,
-                            element.parent,
-                            element.area_m2,
-                            Rgb::from_f32(stored.irradiance),
-                        );
+                        mesh.elements[first + quarter as usize].set_irradiance(Rgb::from_f32(stored.irradiance));
                     }
                 }
             }
             next += 1;
         }
+        super::push_pull::pull(&mut mesh);
         mesh
+    }
+
+    /// Appends the root of a patch side, unlit; roots come first, in order.
+    pub fn add_root(&mut self, geometry: &GeometryView<'_>, at: PatchSide) {
+        let area = quadtree::patch_polygon(&geometry.patches[usize::from(at.patch)]).area();
+        self.elements.push(Element::new(NodeName::root(self.cluster, at), NONE, area, Rgb::BLACK));
     }
 
     /// Gives a leaf four children with its light.

@@ -6,6 +6,8 @@ pub mod contour;
 pub mod form_factor;
 pub mod gather_point;
 pub mod link_rows;
+#[cfg(test)]
+mod memory_scene;
 pub mod mesh;
 pub mod oracle;
 pub mod pair;
@@ -15,3 +17,6 @@ pub mod refine;
 pub mod relax;
 pub mod sight;
 pub mod source;
+
+#[cfg(test)]
+mod physics_tests;

@@ -40,10 +40,10 @@ pub struct Case {
 /// How strongly errors of a link's form factor act, W/m2.
 ///
 /// A closed row sums to 1, so an error in one form factor is made up by all others: what counts is
-/// how much the source differs from what the receiver gets on average.
+/// how much the source differs from what the receiver gets, anywhere in it (`receiver_spread`).
 #[must_use]
-pub fn strength(source: Rgb, receiver_irradiance: Rgb) -> f64 {
-    (source - receiver_irradiance).norm_squared().sqrt()
+pub fn strength(source: Rgb, receiver_irradiance: Rgb, receiver_spread: f64) -> f64 {
+    (source - receiver_irradiance).norm_squared().sqrt() + receiver_spread
 }
 
 /// Whether a receiver may be split for a link whose error is `error_w_m2`.

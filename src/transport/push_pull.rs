@@ -3,24 +3,34 @@
 use super::mesh::Mesh;
 use crate::base::Rgb;
 
+/// What a leaf's own links and those above it are multiplied by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Factors {
+    /// For the leaf's own links.
+    pub own: f64,
+    /// For links of elements above it.
+    pub above: f64,
+}
+
+impl Factors {
+    /// Nothing to close.
+    pub const ONE: Self = Self { own: 1.0, above: 1.0 };
+}
+
 /// Sets every element's irradiance from what each gathered over its own links (`gathered`, W/m2, by
-/// position in the mesh) and each leaf's closing factor. Keeps power: a parent's irradiance is the
+/// position in the mesh) and each leaf's closing factors. Keeps power: a parent's irradiance is the
 /// area-weighted mean of its children's.
-pub fn push_pull(mesh: &mut Mesh, gathered: &[Rgb], factor: &[f64]) {
-    let mut pushed = gathered.to_vec();
+pub fn push_pull(mesh: &mut Mesh, gathered: &[Rgb], factors: &[Factors]) {
+    let mut above = vec![Rgb::BLACK; mesh.elements.len()];
     // Children lie behind their parents: one pass down, one up.
     for at in 0..mesh.elements.len() {
         let element = &mut mesh.elements[at];
         if element.is_leaf() {
-            let arriving = pushed[at] * factor[at];
-            element.irradiance = arriving;
-            element.leaf_low = arriving.0;
-            element.leaf_high = arriving.0;
+            element.set_irradiance(gathered[at] * factors[at].own + above[at] * factors[at].above);
         } else {
-            let (above, first) = (pushed[at], element.first_child as usize);
-            for child in &mut pushed[first..first + 4] {
-                *child += above;
-            }
+            let first = element.first_child as usize;
+            let down = above[at] + gathered[at];
+            above[first..first + 4].fill(down);
         }
     }
     pull(mesh);

@@ -10,7 +10,7 @@ use super::pair::Node;
 use super::sight::{self, Care, Sight};
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
-use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result};
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
 
@@ -177,7 +177,7 @@ impl<'a> Receiver<'a> {
         known: Visibility,
     ) {
         let source = source_view.source(s.name);
-        let strength = oracle::strength(source.radiosity, self.mesh.elements[at].irradiance);
+        let strength = self.strength(at, source.radiosity);
         let case = self.case(at, r, s, Visibility::Partial);
         let allowed = (context.tolerances.link_w_m2 / strength).min(LARGEST_DOUBT);
         let care = Care {
@@ -227,6 +227,11 @@ impl<'a> Receiver<'a> {
         for quarter in 0..4u32 {
             self.link(context, source_view, first + quarter as usize, &r.child(quarter), s, known);
         }
+    }
+
+    fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
+        let element = &self.mesh.elements[at];
+        oracle::strength(radiosity, element.irradiance, element.spread())
     }
 
     fn case(&self, at: usize, r: &Node, s: &Node, class: Visibility) -> Case {
@@ -286,7 +291,7 @@ impl<'a> Receiver<'a> {
             return Verdict::Keep;
         }
         let source = view.source(link.source);
-        let strength = oracle::strength(source.radiosity, self.mesh.elements[at].irradiance);
+        let strength = self.strength(at, source.radiosity);
         let sight = Sight {
             form_factor: f64::from(link.form_factor),
             spread: f64::from(link.spread),

@@ -4,7 +4,7 @@
 use std::rc::Rc;
 
 use super::mesh::Mesh;
-use super::push_pull::push_pull;
+use super::push_pull::{Factors, push_pull};
 use crate::base::{Error, Progress, Result, Rgb};
 use crate::model::geometry::SideMaterial;
 
@@ -16,8 +16,8 @@ pub struct Member {
     pub materials: Vec<SideMaterial>,
     /// What each element gathered from outside the group, W/m2.
     pub external: Vec<Rgb>,
-    /// Closing factor of each leaf (1 for inner elements).
-    pub factor: Vec<f64>,
+    /// Closing factors of each leaf (1 for inner elements).
+    pub factors: Vec<Factors>,
     /// Position of its first element among the group's.
     pub first: usize,
 }
@@ -103,7 +103,7 @@ pub fn relax(
             }
             done.links += list.len() as u64;
             let before: Vec<Rgb> = member.mesh.elements.iter().map(|e| e.irradiance).collect();
-            push_pull(&mut member.mesh, &gathered, &member.factor);
+            push_pull(&mut member.mesh, &gathered, &member.factors);
             for (at, old) in before.iter().enumerate() {
                 let element = &member.mesh.elements[at];
                 if element.is_leaf() {

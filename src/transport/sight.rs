@@ -127,7 +127,7 @@ fn sample(scene: &RayScene<'_>, r: &Node, s: &Node, clear: &Sight, care: Care, r
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.
-    let softening = 0.1 * s.shape.area();
+    let softening = 2e-3 * s.shape.area();
     let mut tally = Tally::default();
     let mut target = FIRST_RAYS;
     let mut index = 0;

@@ -1,0 +1,258 @@
+//! A whole model in memory, solved as one group: the second implementation of [`Clusters`], for tests.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use bytemuck::Zeroable;
+use glam::DVec3;
+
+use super::closure::{self, Row};
+use super::link_rows::Link;
+use super::mesh::Mesh;
+use super::oracle::Tolerances;
+use super::pair::Node;
+use super::push_pull::Factors;
+use super::records;
+use super::refine::{Context, Counts, Receiver, Scope};
+use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
+use super::source::{ClusterView, Clusters, Loaded};
+use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result, Rgb};
+use crate::geom::quadtree;
+use crate::model::geometry::{ClusterHead, GeometryView, PatchRecord, SideMaterial};
+use crate::model::light::LightView;
+use crate::model::links::LeafClosure;
+use crate::model::rays::{ClusterRef, TopRaysView};
+use crate::rays::RayScene;
+
+/// One cluster of one polygon.
+struct Stored {
+    head: ClusterHead,
+    patches: Vec<PatchRecord>,
+    materials: Vec<SideMaterial>,
+    light: Vec<u64>,
+}
+
+impl Loaded for Stored {
+    fn view(&self) -> ClusterView<'_> {
+        ClusterView {
+            id: ClusterId(self.head.cluster),
+            geometry: GeometryView { head: &self.head, patches: &self.patches, tree: &[], sectors: &[] },
+            materials: &self.materials,
+            light: LightView::parse(bytemuck::cast_slice(&self.light)).expect("written by `records`"),
+        }
+    }
+}
+
+/// A model and its solution.
+pub struct MemoryScene {
+    stored: RefCell<Vec<Rc<Stored>>>,
+    nodes: Vec<crate::model::rays::RayNode>,
+    refs: Vec<ClusterRef>,
+    file: Vec<u64>,
+    rows: Vec<Vec<(NodeName, Vec<Link>)>>,
+    closures: Vec<Vec<LeafClosure>>,
+    /// Sum of what refinement did.
+    pub counts: Counts,
+    seed: u64,
+}
+
+impl Clusters for MemoryScene {
+    fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>> {
+        Ok(self.stored.borrow()[id.0 as usize].clone())
+    }
+}
+
+fn aligned(bytes: &[u8]) -> Vec<u64> {
+    let mut words = vec![0u64; bytes.len().div_ceil(8)];
+    bytemuck::cast_slice_mut::<u64, u8>(&mut words)[..bytes.len()].copy_from_slice(bytes);
+    words
+}
+
+impl MemoryScene {
+    /// From polygons of three or four corners with reflectance and exitance (W/m2) of the front; the
+    /// back reflects alike and emits nothing.
+    pub fn new(polygons: &[(Vec<[f64; 3]>, f64, f64)]) -> Self {
+        let (mut stored, mut refs, mut bytes) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, (corners, rho, exitance)) in polygons.iter().enumerate() {
+            let mut patch = PatchRecord::zeroed();
+            for k in 0..4 {
+                patch.corners_m[k] = corners[k.min(corners.len() - 1)].map(|x| x as f32);
+            }
+            patch.corner_count = corners.len() as u8;
+            patch.sides = 3;
+            patch.area_m2 = quadtree::patch_polygon(&patch).area() as f32;
+            let (nodes, ray_patches) = crate::rays::build::cluster(&[patch]);
+            let mut reference = ClusterRef::zeroed();
+            reference.cluster = i as u32;
+            (reference.nodes_at, reference.nodes) = (bytes.len() as u64, nodes.len() as u32);
+            bytes.extend_from_slice(bytemuck::cast_slice(&nodes));
+            (reference.patches_at, reference.patches) = (bytes.len() as u64, ray_patches.len() as u32);
+            bytes.extend_from_slice(bytemuck::cast_slice(&ray_patches));
+            refs.push((reference, nodes[0].min_m, nodes[0].max_m));
+            let mut head = ClusterHead::zeroed();
+            (head.cluster, head.patches) = (i as u32, 1);
+            let front = SideMaterial { rho: [*rho as f32; 3], exitance: [*exitance as f32; 3] };
+            let materials = vec![front, SideMaterial { exitance: [0.0; 3], ..front }];
+            let patches = vec![patch];
+            let geometry = GeometryView { head: &head, patches: &patches, tree: &[], sectors: &[] };
+            let mut mesh = Mesh { cluster: ClusterId(i as u32), elements: Vec::new() };
+            for side in 0..2 {
+                mesh.add_root(&geometry, PatchSide { patch: 0, side });
+            }
+            let light = aligned(&records::encode(&mesh, &geometry, &materials));
+            stored.push(Rc::new(Stored { head, patches, materials, light }));
+        }
+        let (nodes, refs) = crate::rays::build::top(&refs);
+        let count = stored.len();
+        Self {
+            stored: RefCell::new(stored),
+            nodes,
+            refs,
+            file: aligned(&bytes),
+            rows: vec![Vec::new(); count],
+            closures: vec![Vec::new(); count],
+            counts: Counts::default(),
+            seed: 1,
+        }
+    }
+
+    /// What rays can meet.
+    pub fn rays(&self) -> RayScene<'_> {
+        let top = TopRaysView { nodes: &self.nodes, clusters: &self.refs };
+        RayScene::new(top, bytemuck::cast_slice(&self.file), 1e-5).expect("laid out by `new`")
+    }
+
+    /// One iteration over the whole model as one group.
+    pub fn iterate(&mut self, scope: Scope, link_w_m2: f64, min_element_m: f64, open: bool) {
+        let count = self.rows.len();
+        let visible: Vec<ClusterId> = (0..count).map(|i| ClusterId(i as u32)).collect();
+        let mut members = Vec::new();
+        let mut first = 0;
+        let mut all_rows = std::mem::take(&mut self.rows);
+        for (i, slot) in all_rows.iter_mut().enumerate() {
+            let own = self.stored.borrow()[i].clone();
+            let view = own.view();
+            let mesh = Mesh::load(view.id, &view.geometry, &view.light);
+            let mut rows = vec![Vec::new(); mesh.elements.len()];
+            for (name, row) in std::mem::take(slot) {
+                rows[mesh.nearest(name)] = row;
+            }
+            let context = Context {
+                scene: self.rays(),
+                clusters: self,
+                tolerances: Tolerances { link_w_m2, min_element_m },
+                seed: self.seed,
+                scope,
+                progress: &Quiet,
+            };
+            let mut receiver = Receiver::new(view, mesh, rows);
+            receiver.refine(&context, &visible).expect("memory does not fail");
+            let mut counts = receiver.counts;
+            let closure = closure::rows(&receiver.mesh, &receiver.rows, |leaf| {
+                let patch = &own.patches[usize::from(leaf.patch_side().patch)];
+                let node = Node::at(ClusterId(i as u32), patch, leaf);
+                let escape =
+                    if open { closure::measure_escape(&context.scene, &node, 1, &mut counts.rays) } else { 0.0 };
+                Row { escape, unseen: 1e-3, complete: scope == Scope::Everything, ..Row::default() }
+            });
+            self.counts.evaluated += counts.evaluated;
+            self.counts.rays += counts.rays;
+            self.counts.reused += counts.reused;
+            let (mesh, rows) = (receiver.mesh, receiver.rows);
+            let mut factors = vec![Factors::ONE; mesh.elements.len()];
+            for c in &closure {
+                factors[mesh.nearest(NodeName(c.leaf))] =
+                    Factors { own: f64::from(c.own_factor), above: f64::from(c.above_factor) };
+            }
+            *slot = mesh.elements.iter().map(|e| e.name).zip(rows).collect();
+            let length = mesh.elements.len();
+            members.push(Member {
+                mesh,
+                materials: own.materials.clone(),
+                external: vec![Rgb::BLACK; length],
+                factors,
+                first,
+            });
+            first += length;
+            self.closures[i] = closure;
+        }
+        self.rows = all_rows;
+        let inner = Inner::Converge { tolerance: 1e-6, q: 0.99 };
+        relax::relax(&mut members, &mut AllLinks(&self.rows), inner, &Quiet).expect("memory does not fail");
+        for (i, member) in members.iter().enumerate() {
+            let old = self.stored.borrow()[i].clone();
+            let view = old.view();
+            let light = aligned(&records::encode(&member.mesh, &view.geometry, view.materials));
+            let new = Stored { head: old.head, patches: old.patches.clone(), materials: old.materials.clone(), light };
+            self.stored.borrow_mut()[i] = Rc::new(new);
+        }
+    }
+
+    /// Lights, then everything until nothing changes much.
+    pub fn solve(&mut self, link_w_m2: f64, min_element_m: f64) {
+        self.iterate(Scope::Lights, link_w_m2, min_element_m, false);
+        for _ in 0..4 {
+            self.iterate(Scope::Everything, link_w_m2, min_element_m, false);
+        }
+    }
+
+    /// Mean irradiance (first channel) on the front of a polygon, W/m2.
+    pub fn irradiance(&self, polygon: usize) -> f64 {
+        f64::from(self.stored.borrow()[polygon].view().light.elements[0].irradiance[0])
+    }
+
+    /// Radiosity (first channel) of the front of a polygon, W/m2.
+    pub fn radiosity(&self, polygon: usize) -> f64 {
+        let own = self.stored.borrow()[polygon].clone();
+        f64::from(own.materials[0].exitance[0]) + f64::from(own.materials[0].rho[0]) * self.irradiance(polygon)
+    }
+
+    /// Closed rows of the front of a polygon.
+    pub fn closure(&self, polygon: usize) -> Vec<LeafClosure> {
+        let front = |c: &&LeafClosure| NodeName(c.leaf).patch_side().side == 0;
+        self.closures[polygon].iter().filter(front).copied().collect()
+    }
+
+    /// Elements of the model.
+    pub fn elements(&self) -> usize {
+        self.stored.borrow().iter().map(|s| s.view().light.elements.len()).sum()
+    }
+
+    /// Links of the model.
+    pub fn links(&self) -> usize {
+        self.rows.iter().flatten().map(|(_, row)| row.len()).sum()
+    }
+}
+
+struct AllLinks<'a>(&'a [Vec<(NodeName, Vec<Link>)>]);
+
+impl InnerLinks for AllLinks<'_> {
+    fn of(&mut self, index: usize, members: &[Member]) -> Result<Rc<Vec<InnerLink>>> {
+        let mut list = Vec::new();
+        for (name, row) in &self.0[index] {
+            let receiver = members[index].mesh.nearest(*name) as u32;
+            for link in row {
+                let member = &members[link.source.cluster().0 as usize];
+                let source = (member.first + member.mesh.nearest(link.source)) as u32;
+                list.push(InnerLink { receiver, source, form_factor: link.form_factor });
+            }
+        }
+        Ok(Rc::new(list))
+    }
+}
+
+/// The six faces of a box, fronts inwards: z low, z high, y low, y high, x low, x high.
+pub fn room(low: [f64; 3], high: [f64; 3], rho: f64) -> Vec<(Vec<[f64; 3]>, f64, f64)> {
+    let p = |i: usize| {
+        DVec3::new(
+            if i & 1 == 0 { low[0] } else { high[0] },
+            if i & 2 == 0 { low[1] } else { high[1] },
+            if i & 4 == 0 { low[2] } else { high[2] },
+        )
+        .to_array()
+    };
+    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        .iter()
+        .map(|face: &[usize; 4]| (face.iter().map(|&i| p(i)).collect(), rho, 0.0))
+        .collect()
+}

@@ -1,0 +1,68 @@
+//! Solutions with closed forms, solved in memory.
+
+use super::memory_scene::{MemoryScene, room};
+
+/// Mean value theorem: any geometry, any occlusion, any mesh.
+#[test]
+fn a_furnace_has_the_same_radiosity_everywhere() {
+    for rho in [0.2, 0.5, 0.8, 0.95] {
+        let mut cube = room([0.0; 3], [1.0; 3], rho);
+        for face in &mut cube {
+            face.2 = 1.0;
+        }
+        let mut scene = MemoryScene::new(&cube);
+        scene.solve(0.01, 0.05);
+        for i in 0..6 {
+            let (got, expected) = (scene.radiosity(i), 1.0 / (1.0 - rho));
+            assert!((got / expected - 1.0).abs() < 1e-3, "rho {rho}, face {i}: {got} for {expected}");
+        }
+    }
+}
+
+/// CU3: the continuous cube with one emitting face.
+#[test]
+fn a_cube_with_one_emitting_face_has_the_means_of_the_converged_galerkin_solution() {
+    for (rho, emitter, opposite, side) in [(0.5, 1.10436, 0.17122, 0.18111), (0.8, 1.58751, 0.66098, 0.68788)] {
+        let mut cube = room([0.0; 3], [1.0; 3], rho);
+        cube[0].2 = 1.0;
+        let mut scene = MemoryScene::new(&cube);
+        scene.solve(0.002, 0.02);
+        for (face, expected) in [(0, emitter), (1, opposite), (2, side), (4, side)] {
+            let got = scene.radiosity(face);
+            assert!((got / expected - 1.0).abs() < 5e-3, "rho {rho}, face {face}: {got} for {expected}");
+        }
+    }
+}
+
+#[test]
+fn nothing_gets_into_a_sealed_dark_room() {
+    let mut model = room([0.0; 3], [1.0; 3], 0.5);
+    model[0].2 = 1.0;
+    model.extend(room([1.0, 0.0, 0.0], [2.0, 1.0, 1.0], 0.5));
+    let mut scene = MemoryScene::new(&model);
+    scene.solve(0.005, 0.05);
+    for i in 6..12 {
+        assert_eq!(scene.irradiance(i), 0.0, "face {i}");
+    }
+    assert!(scene.irradiance(1) > 0.0);
+}
+
+/// BL1: unit squares at distance 1 with a centred half-size blocker half way.
+#[test]
+fn a_blocker_between_plates_takes_the_known_share() {
+    let square = |low: f64, high: f64, z: f64, up: bool| {
+        let c = vec![[low, low, z], [high, low, z], [high, high, z], [low, high, z]];
+        if up { c } else { c.into_iter().rev().collect() }
+    };
+    let plates = vec![
+        (square(0.0, 1.0, 0.0, true), 0.0, 1.0),
+        (square(0.0, 1.0, 1.0, false), 0.0, 0.0),
+        (square(0.25, 0.75, 0.5, true), 0.0, 0.0),
+    ];
+    for (link, floor, limit) in [(0.02, 0.1, 0.01), (0.001, 0.01, 0.002)] {
+        let mut scene = MemoryScene::new(&plates);
+        scene.iterate(super::refine::Scope::Lights, link, floor, false);
+        let share = scene.irradiance(1) / 0.199_824_896;
+        assert!((share - 0.497_967_454).abs() < limit, "{share}");
+    }
+}
