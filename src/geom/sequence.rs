@@ -1,6 +1,10 @@
 //! Deterministic low-discrepancy points: a rank-1 (R2) sequence shifted by a seed, so that every
 //! random number derives from `--seed` and from names.
 
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
 /// Mixes a word so that close inputs give unrelated outputs (the finaliser of splitmix64).
 #[must_use]
 pub fn mix(mut x: u64) -> u64 {
@@ -42,6 +46,14 @@ impl Sequence {
     pub fn point(&self, index: u64) -> [f64; 4] {
         std::array::from_fn(|d| unit(self.shift[d].wrapping_add(STEP[d].wrapping_mul(index + 1))))
     }
+}
+
+/// A unit direction about `normal`, cosine-distributed for u, v uniform in [0, 1).
+#[must_use]
+pub fn cosine_direction(normal: DVec3, u: f64, v: f64) -> DVec3 {
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    let (radius, angle) = (u.sqrt(), 2.0 * PI * v);
+    tangent * (radius * libm::cos(angle)) + bitangent * (radius * libm::sin(angle)) + normal * (1.0 - u).sqrt()
 }
 
 #[cfg(test)]

@@ -5,18 +5,13 @@
 //! added or taken goes to links and escape by their variances: the escape is known from rays alone,
 //! so where all links are proved visible it gives way to them and brings no noise into the light.
 
-use std::f64::consts::PI;
-
-use glam::DVec3;
-
 use super::link_rows::Link;
 use super::mesh::Mesh;
-use super::pair::Node;
 use crate::base::NodeName;
-use crate::geom::sequence::{Sequence, mix};
-use crate::model::geometry::NONE;
+use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::LeafClosure;
 use crate::rays::RayScene;
+use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
 
 /// Rays that measure a leaf's escape.
@@ -36,14 +31,6 @@ pub fn measure_escape(scene: &RayScene<'_>, leaf: &Node, seed: u64, rays: &mut u
         }
     }
     escaped as f64 / ESCAPE_RAYS as f64
-}
-
-/// A unit direction about `normal`, cosine-distributed for u, v uniform in [0, 1).
-#[must_use]
-pub fn cosine_direction(normal: DVec3, u: f64, v: f64) -> DVec3 {
-    let (tangent, bitangent) = normal.any_orthonormal_pair();
-    let (radius, angle) = (u.sqrt(), 2.0 * PI * v);
-    tangent * (radius * libm::cos(angle)) + bitangent * (radius * libm::sin(angle)) + normal * (1.0 - u).sqrt()
 }
 
 /// What is known of a row before closing.

@@ -5,12 +5,12 @@ use glam::DVec3;
 
 use super::form_factor;
 use super::link_rows::Link;
-use super::pair::Node;
 use super::source::ClusterView;
 use crate::base::Rgb;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
+use crate::rays::node::Node;
 
 /// The place: a point on a patch side.
 pub struct Place<'a> {

@@ -10,7 +10,6 @@ use super::closure::{self, Row};
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::Tolerances;
-use super::pair::Node;
 use super::push_pull::Factors;
 use super::records;
 use super::refine::{Context, Counts, Receiver, Scope};
@@ -23,6 +22,7 @@ use crate::model::light::LightView;
 use crate::model::links::LeafClosure;
 use crate::model::rays::{ClusterRef, TopRaysView};
 use crate::rays::RayScene;
+use crate::rays::node::Node;
 
 /// One cluster of one polygon.
 struct Stored {

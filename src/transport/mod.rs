@@ -10,7 +10,6 @@ pub mod link_rows;
 mod memory_scene;
 pub mod mesh;
 pub mod oracle;
-pub mod pair;
 pub mod push_pull;
 pub mod records;
 pub mod refine;

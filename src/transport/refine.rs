@@ -6,13 +6,13 @@ use std::collections::HashSet;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::{self, Case, Tolerances, Verdict};
-use super::pair::Node;
 use super::sight::{self, Care, Sight};
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
+use crate::rays::node::Node;
 
 /// Which sources are linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,11 +5,11 @@
 //! first and more only while the outcome matters.
 
 use super::form_factor;
-use super::pair::Node;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
+use crate::rays::node::Node;
 use crate::rays::shaft::{Contents, ShaftEnd};
 
 /// A link's numbers.

@@ -1,1 +1,3 @@
-//! (to be written)
+//! Which clusters may exchange light, and how much. Pure.
+
+pub mod sampled;

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
+use super::traverse::Rank;
+use super::{PatchKey, RayEnd};
 use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::model::geometry::PatchRecord;
-use crate::rays::traverse::Rank;
-use crate::rays::{PatchKey, RayEnd};
 
 /// An element with its shape.
 #[derive(Clone, Copy, Debug)]
