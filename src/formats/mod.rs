@@ -1,1 +1,4 @@
-//! (to be written)
+//! Files in and out: only encoding, no decisions.
+
+pub mod mtl;
+pub mod obj;

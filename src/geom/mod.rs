@@ -4,3 +4,4 @@ pub mod bounds;
 pub mod polygon;
 pub mod quadtree;
 pub mod sequence;
+pub mod split;
