@@ -112,6 +112,12 @@ impl<'a> Arrays<'a> {
         self.len() == 0
     }
 
+    /// Bytes of array `index` by the table at the payload's start, whether or not the rest is there.
+    #[must_use]
+    pub fn bytes_of(&self, index: usize) -> Option<usize> {
+        (index < self.len()).then(|| self.word(16 + 16 * index)).flatten()
+    }
+
     /// Where array `index` lies: (offset in the payload, bytes).
     pub fn place(&self, index: usize) -> Result<(usize, usize), String> {
         if index >= self.len() {

@@ -1,1 +1,34 @@
-//! (to be written)
+//! The scene store: a catalogue in SQLite and bulk data in mapped segment files. Only I/O.
+//!
+//! `catalogue` opens a store; `segment` writes and `extent` reads bulk data; `snapshot` reads one
+//! solution version; `ingest_rows`, `stage_rows` and `partition_rows` take the results of stages;
+//! `branches`, `tasks`, `workers` and `merging` carry the iterations; `garbage` takes away what
+//! nobody reads.
+
+pub mod branches;
+pub mod catalogue;
+pub mod extent;
+pub mod extent_header;
+#[cfg(test)]
+pub mod fixture;
+mod garbage;
+pub mod ingest_rows;
+pub mod locks;
+pub mod model_facts;
+pub mod mounts;
+pub mod partition_rows;
+pub mod processes;
+pub mod segment;
+pub mod snapshot;
+mod sql;
+pub mod stage_rows;
+
+pub use catalogue::Store;
+pub use extent::{Extent, ExtentRef};
+pub use ingest_rows::{ClusterRow, IngestTx};
+pub use locks::RunLock;
+pub use model_facts::ModelFacts;
+pub use processes::ProcessGuard;
+pub use segment::SegmentWriter;
+pub use snapshot::Snapshot;
+pub use stage_rows::{Stage, StageRecord};

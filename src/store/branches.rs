@@ -1,0 +1,75 @@
+//! Solution versions and the branches they form.
+
+use rusqlite::{Connection, OptionalExtension};
+
+use super::Store;
+use crate::base::{Error, Result};
+
+/// A solution version's place and figures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VersionRow {
+    /// Its number.
+    pub id: u64,
+    /// The version before.
+    pub parent: Option<u64>,
+    /// Its branch.
+    pub branch: u64,
+    /// Iterations since emission only.
+    pub iteration: u64,
+    /// Whether an iteration ends with it.
+    pub is_iteration_end: bool,
+    /// Whether its branch has converged.
+    pub converged: bool,
+    /// Change of irradiance since the last end of an iteration, relative.
+    pub residual: Option<f64>,
+    /// Largest ratio of the last residuals.
+    pub contraction: Option<f64>,
+    /// Relative error left by stopping here.
+    pub predicted_error: Option<f64>,
+}
+
+pub(super) fn version_row(tx: &Connection, id: u64) -> Result<Option<VersionRow>> {
+    let mut query = tx.prepare_cached(
+        "SELECT id, parent, branch, iteration, is_iteration_end, converged, residual, contraction, predicted_error
+         FROM solution_versions WHERE id = ?1",
+    )?;
+    let row = query.query_row([id], |row| {
+        Ok(VersionRow {
+            id: row.get(0)?,
+            parent: row.get(1)?,
+            branch: row.get(2)?,
+            iteration: row.get(3)?,
+            is_iteration_end: row.get(4)?,
+            converged: row.get(5)?,
+            residual: row.get(6)?,
+            contraction: row.get(7)?,
+            predicted_error: row.get(8)?,
+        })
+    });
+    Ok(row.optional()?)
+}
+
+impl Store {
+    /// The newest solution version; exit code 13 before ingest.
+    pub fn newest_version(&self) -> Result<u64> {
+        let newest: Option<u64> =
+            self.connection().prepare_cached("SELECT max(id) FROM solution_versions")?.query_row([], |r| r.get(0))?;
+        newest.ok_or_else(|| Error::StageMissing {
+            message: format!("{}: no model in this store", self.dir().display()),
+            help: format!("run `clerestory ingest {} MODEL.obj` first", self.dir().display()),
+        })
+    }
+
+    /// A version's place and figures.
+    pub fn version(&self, id: u64) -> Result<Option<VersionRow>> {
+        version_row(self.connection(), id)
+    }
+
+    /// The newest end of an iteration: what people see first.
+    pub fn newest_iteration_end(&self) -> Result<u64> {
+        self.newest_version()?;
+        let mut query =
+            self.connection().prepare_cached("SELECT max(id) FROM solution_versions WHERE is_iteration_end = 1")?;
+        Ok(query.query_row([], |r| r.get(0))?)
+    }
+}

@@ -1,0 +1,132 @@
+//! A store with a few made-up clusters, for tests.
+
+use std::path::Path;
+use std::time::Duration;
+
+use bytemuck::Zeroable;
+
+use super::{ClusterRow, ExtentRef, IngestTx, ModelFacts, SegmentWriter, Stage, StageRecord, Store};
+use crate::base::{ClusterId, NodeName, PatchSide};
+use crate::model::ExtentKind;
+use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SideMaterial, TreeNode};
+use crate::model::layout::ArraysBuilder;
+use crate::model::light::{ElementLight, LightHead, SectorLight};
+use crate::model::rays::{ClusterRef, RayNode, RayPatch, TOP};
+
+/// A radiosity payload of a one-patch cluster on whose front `irradiance` arrives.
+pub fn light(cluster: u32, irradiance: f32) -> Vec<u8> {
+    let mut head = LightHead::zeroed();
+    head.channels = 3;
+    head.level_start[1..].fill(2);
+    let element = |side, irradiance| ElementLight {
+        name: NodeName::root(ClusterId(cluster), PatchSide { patch: 0, side }).0,
+        irradiance: [irradiance; 3],
+        spread: 0.0,
+    };
+    let elements = [element(0, irradiance), element(1, 0.0)];
+    ArraysBuilder::default().with(&[head]).with::<SectorLight>(&[]).with(&elements).finish()
+}
+
+/// The unit square at height `cluster`.
+fn patch(cluster: u32) -> PatchRecord {
+    let mut patch = PatchRecord::zeroed();
+    let z = cluster as f32;
+    patch.corners_m = [[0.0, 0.0, z], [1.0, 0.0, z], [1.0, 1.0, z], [0.0, 1.0, z]];
+    (patch.corner_count, patch.sides, patch.area_m2) = (4, 3, 1.0);
+    patch
+}
+
+/// A stage's record with made-up hashes.
+pub fn record(stage: Stage, previous_hash: String) -> StageRecord {
+    StageRecord {
+        stage,
+        input_hash: "input".to_owned(),
+        materials_hash: "materials".to_owned(),
+        options_hash: "options".to_owned(),
+        previous_hash,
+        options: "{}".to_owned(),
+    }
+}
+
+/// Makes a store of `clusters` unit squares, one patch each; cluster 0 emits 1 W/m2.
+pub fn store(dir: &Path, clusters: u32) -> Store {
+    let store = Store::create(dir, Duration::from_secs(5)).unwrap();
+    let mut bulk = SegmentWriter::create(&store, "ingest").unwrap();
+    let mut rays = SegmentWriter::create(&store, "rays").unwrap();
+    let mut ingest = IngestTx::begin(&store).unwrap();
+    let file = ingest.add_file("made_up.obj", "obj", 0, "").unwrap();
+    let object = ingest.add_object(file, "squares").unwrap();
+    let mut refs = Vec::new();
+    for id in 0..clusters {
+        let patch = patch(id);
+        let mut head = ClusterHead::zeroed();
+        (head.cluster, head.patches, head.max_m) = (id, 1, [1.0, 1.0, id as f32]);
+        head.min_m[2] = id as f32;
+        let mut leaf = TreeNode::zeroed();
+        (leaf.left, leaf.right, leaf.parent, leaf.patch_count) = (NONE, NONE, NONE, 1);
+        (leaf.min_m, leaf.max_m) = (head.min_m, head.max_m);
+        let sectors: [crate::model::geometry::SectorHead; 0] = [];
+        let geometry = ArraysBuilder::default().with(&[head]).with(&[patch]).with(&[leaf]).with(&sectors).finish();
+        let exitance = if id == 0 { [1.0; 3] } else { [0.0; 3] };
+        let sides = [SideMaterial { rho: [0.5; 3], exitance }, SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }];
+        let materials = ArraysBuilder::default().with(&sides).finish();
+        let mut node = RayNode::zeroed();
+        (node.min_m, node.max_m, node.count) = (head.min_m, head.max_m, 1);
+        let mut ray_patch = RayPatch::zeroed();
+        (ray_patch.corners_m, ray_patch.corner_count, ray_patch.area_m2) = (patch.corners_m, 4, 1.0);
+        let own_rays = ArraysBuilder::default().with(&[node]).with(&[ray_patch]).finish();
+        let at = rays.append(ExtentKind::Rays, id, &own_rays).unwrap();
+        let mut reference = ClusterRef::zeroed();
+        (reference.cluster, reference.nodes, reference.patches) = (id, 1, 1);
+        let arrays = crate::model::Arrays::new(&own_rays);
+        reference.nodes_at = at.payload_at() + arrays.place(0).unwrap().0 as u64;
+        reference.patches_at = at.payload_at() + arrays.place(1).unwrap().0 as u64;
+        refs.push(reference);
+        let row = ClusterRow {
+            id: ClusterId(id),
+            object,
+            patches: 1,
+            emitters: u32::from(id == 0),
+            area_m2: 1.0,
+            min_m: head.min_m,
+            max_m: head.max_m,
+            geometry: bulk.append(ExtentKind::Geometry, id, &geometry).unwrap(),
+            rays: at,
+            provenance: bulk.append(ExtentKind::Provenance, id, &ArraysBuilder::default().finish()).unwrap(),
+            bake: None,
+            materials: bulk.append(ExtentKind::Materials, id, &materials).unwrap(),
+            radiosity: bulk.append(ExtentKind::Radiosity, id, &light(id, 0.0)).unwrap(),
+        };
+        ingest.add_cluster(&row).unwrap();
+    }
+    let mut root = RayNode::zeroed();
+    (root.max_m, root.count) = ([1.0, 1.0, clusters as f32], clusters);
+    let top = ArraysBuilder::default().with(&[root]).with(&refs).finish();
+    let rays_top = rays.append(ExtentKind::Rays, TOP, &top).unwrap();
+    let facts = facts(clusters, rays_top);
+    ingest.finish(&facts, &record(Stage::Ingest, String::new()), &mut [bulk, rays]).unwrap();
+    store
+}
+
+fn facts(clusters: u32, rays_top: ExtentRef) -> ModelFacts {
+    ModelFacts {
+        origin: [10.0, 20.0, 30.0],
+        metres_per_unit: 0.01,
+        up: 'z',
+        min_m: [0.0; 3],
+        max_m: [1.0, 1.0, f64::from(clusters)],
+        snap_m: 1e-5,
+        both_sides: true,
+        emit_both: false,
+        patches: u64::from(clusters),
+        clusters: u64::from(clusters),
+        emitters: 1,
+        input_polygons: u64::from(clusters),
+        area_m2: f64::from(clusters),
+        mean_patch_area_m2: 1.0,
+        emitted_w: [1.0; 3],
+        mean_reflectance: 0.5,
+        max_reflectance: 0.5,
+        rays_top,
+    }
+}
