@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod node;
+pub mod region;
 pub mod scene;
 pub mod shaft;
 pub mod traverse;

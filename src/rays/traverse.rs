@@ -7,6 +7,7 @@
 use glam::DVec3;
 
 use super::scene::{PatchKey, RayScene};
+use crate::geom::bounds::Bounds;
 use crate::model::rays::{RayNode, RayPatch};
 
 /// Which of several coincident faces a viewer sees: the least. Fronts before backs, then the
@@ -202,11 +203,49 @@ impl RayScene<'_> {
         blocked
     }
 
-    /// Whether anything lies between a free point and a point on a patch, which itself never counts.
+    /// Whether any patch crosses the open segment between two free points.
     #[must_use]
-    pub fn blocked_from(&self, from: DVec3, to: DVec3, end: &RayEnd) -> bool {
-        let free = RayEnd { key: PatchKey { cluster: u32::MAX, patch: u32::MAX }, normal: DVec3::ZERO, rank: end.rank };
-        self.blocked(from, to, &free, end)
+    pub fn blocked_between(&self, from: DVec3, to: DVec3) -> bool {
+        let mut blocked = false;
+        self.visit(&Ray::new(from, to - from), 0.0, 1.0, |_, _, t, _| {
+            blocked = t > 0.0 && t < 1.0;
+            blocked
+        });
+        blocked
+    }
+
+    /// Whether `test` holds for any patch whose leaf's box meets `bounds`.
+    #[must_use]
+    pub fn any_in_box(&self, bounds: &Bounds, test: impl Fn(&RayPatch) -> bool) -> bool {
+        let meets = |node: &RayNode| Bounds::from_f32(node.min_m, node.max_m).meets(*bounds);
+        let mut top = vec![0u32];
+        while let Some(at) = top.pop() {
+            let node = &self.top.nodes[at as usize];
+            if !meets(node) {
+                continue;
+            }
+            if node.count == 0 {
+                top.extend([node.first, node.first + 1]);
+                continue;
+            }
+            for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
+                let rays = self.cluster(reference);
+                let mut stack = vec![0u32];
+                while let Some(at) = stack.pop() {
+                    let node = &rays.nodes[at as usize];
+                    if !meets(node) {
+                        continue;
+                    }
+                    let items = node.first as usize..(node.first + node.count) as usize;
+                    if node.count == 0 {
+                        stack.extend([node.first, node.first + 1]);
+                    } else if rays.patches[items].iter().any(&test) {
+                        return true;
+                    }
+                }
+            }
+        }
+        false
     }
 
     /// What a ray from a patch (if any) meets first; of coincident faces the one that fronts it.

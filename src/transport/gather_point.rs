@@ -11,6 +11,7 @@ use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
+use crate::rays::region::Region;
 
 /// The place: a point on a patch side.
 pub struct Place<'a> {
@@ -31,8 +32,11 @@ pub struct Gathered {
     pub row_sum: f64,
 }
 
+/// What a source that is cut may leave of the error allowed.
+const CUT_SHARE: f64 = 0.02;
+
 /// Rays from a point to one source whose visibility is partial: at least, at most.
-const RAYS: (u64, u64) = (16, 256);
+const RAYS: (u64, u64) = (4, 256);
 
 /// Adds what arrives over one link of an element that holds the place. Sources whose light varies
 /// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
@@ -72,17 +76,20 @@ fn add_source(
         return;
     }
     let source = view.source(s.name);
-    if source.divided && open * source.spread > allowed {
+    // A source that the point sees in part may be dark where it does not: see `Region`.
+    let cut = class != Visibility::Visible || s.shape.corners().iter().any(|c| place.leaf.height(*c) < 0.0);
+    let limit = if cut { CUT_SHARE * allowed } else { allowed };
+    if source.divided && open * source.spread > limit {
         for quarter in 0..4 {
             add_source(scene, place, view, &s.child(quarter), class, allowed, gathered, rays);
         }
         return;
     }
-    let share = if class == Visibility::Visible {
-        1.0
-    } else {
+    let share = if cut {
         let importance = open * source.radiosity.max() / allowed.max(f64::MIN_POSITIVE);
         visible_share(scene, place, s, importance, rays)
+    } else {
+        1.0
     };
     gathered.irradiance += source.radiosity * (open * share);
     gathered.row_sum += open * share;
@@ -94,6 +101,7 @@ fn visible_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Node, importance: 
     let p = place.point;
     let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
     let sequence = Sequence::new(mix(s.name.0) ^ bits);
+    let region = Region::of(scene, s);
     let softening = 2e-3 * s.shape.area();
     let (mut all, mut visible) = (0.0, 0.0);
     for index in 0..count {
@@ -108,7 +116,7 @@ fn visible_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Node, importance: 
         let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
         all += weight;
         *rays += 1;
-        if !scene.blocked(p, to, &place.leaf.end, &s.end) {
+        if region.is_none_or(|g| g.holds(scene, to)) && !scene.blocked(p, to, &place.leaf.end, &s.end) {
             visible += weight;
         }
     }

@@ -123,7 +123,7 @@ impl MemoryScene {
     }
 
     /// One iteration over the whole model as one group.
-    pub fn iterate(&mut self, scope: Scope, link_w_m2: f64, min_element_m: f64, open: bool) {
+    pub fn iterate(&mut self, scope: Scope, row_w_m2: f64, min_element_m: f64, open: bool) {
         let count = self.rows.len();
         let visible: Vec<ClusterId> = (0..count).map(|i| ClusterId(i as u32)).collect();
         let mut members = Vec::new();
@@ -140,7 +140,7 @@ impl MemoryScene {
             let context = Context {
                 scene: self.rays(),
                 clusters: self,
-                tolerances: Tolerances { link_w_m2, min_element_m },
+                tolerances: Tolerances { row_w_m2, min_element_m },
                 seed: self.seed,
                 scope,
                 progress: &Quiet,
@@ -189,10 +189,10 @@ impl MemoryScene {
     }
 
     /// Lights, then everything until nothing changes much.
-    pub fn solve(&mut self, link_w_m2: f64, min_element_m: f64) {
-        self.iterate(Scope::Lights, link_w_m2, min_element_m, false);
+    pub fn solve(&mut self, row_w_m2: f64, min_element_m: f64) {
+        self.iterate(Scope::Lights, row_w_m2, min_element_m, false);
         for _ in 0..4 {
-            self.iterate(Scope::Everything, link_w_m2, min_element_m, false);
+            self.iterate(Scope::Everything, row_w_m2, min_element_m, false);
         }
     }
 

@@ -3,14 +3,24 @@
 use super::sight::Sight;
 use super::source::SourceLight;
 use crate::base::Rgb;
+use crate::model::links::Visibility;
 
 /// What error matters, the same for a whole task.
 #[derive(Clone, Copy, Debug)]
 pub struct Tolerances {
-    /// Irradiance error that one link may carry, W/m2.
-    pub link_w_m2: f64,
+    /// Irradiance error that a whole row may carry, W/m2.
+    pub row_w_m2: f64,
     /// No element edge below this, m.
     pub min_element_m: f64,
+}
+
+impl Tolerances {
+    /// Irradiance error that one link may carry, W/m2: the square root of its form factor's share, so
+    /// that the errors of a row's links, adding as variances, come to the row's.
+    #[must_use]
+    pub fn of_link(&self, form_factor: f64) -> f64 {
+        self.row_w_m2 * form_factor.max(1e-8).sqrt()
+    }
 }
 
 /// What to do with a link.
@@ -33,6 +43,10 @@ pub struct Case {
     pub receiver_edge_m: f64,
     /// Whether the receiver has levels left.
     pub receiver_has_levels: bool,
+    /// Whether nothing has lit the receiver so far.
+    pub receiver_is_dark: bool,
+    /// Whether a wall stands on the receiver: its parts may be in different rooms.
+    pub receiver_is_cut: bool,
     /// How much the kernel may vary over the source, 0..=1.
     pub source_variation: f64,
 }
@@ -46,29 +60,42 @@ pub fn strength(source: Rgb, receiver_irradiance: Rgb, receiver_spread: f64) -> 
     (source - receiver_irradiance).norm_squared().sqrt() + receiver_spread
 }
 
-/// Whether a receiver may be split for a link whose error is `error_w_m2`.
+/// Whether a receiver may be split for a link whose error is `excess` times what it may be.
 #[must_use]
-pub fn can_split(case: &Case, tolerances: &Tolerances, error_w_m2: f64) -> bool {
+pub fn can_split(case: &Case, tolerances: &Tolerances, excess: f64) -> bool {
     let floor = tolerances.min_element_m;
-    case.receiver_has_levels
-        && 0.5 * case.receiver_edge_m >= floor
-        && error_w_m2 * case.receiver_area_m2 > tolerances.link_w_m2 * floor * floor
+    case.receiver_has_levels && 0.5 * case.receiver_edge_m >= floor && excess * case.receiver_area_m2 > floor * floor
 }
+
+/// Share of a row's error below which no light is worth following through a cut element.
+const NEGLIGIBLE: f64 = 1e-4;
 
 /// Judges a link: errors in radiosity and in flux must both exceed what is allowed before it is split.
 #[must_use]
 pub fn judge(sight: &Sight, strength: f64, source: &SourceLight, case: &Case, tolerances: &Tolerances) -> Verdict {
+    // Light must not get into a sealed place by a mean over what lies inside and outside of it.
+    if case.receiver_is_dark && source.may_hold_dark && source.divided && sight.form_factor + sight.uncertainty > 0.0 {
+        return Verdict::SplitSource;
+    }
+    // Nor by a mean over parts of the receiver that see the source and parts that do not.
+    let in_part = sight.class == Visibility::Partial || sight.spread >= 0.99 * sight.form_factor;
+    let reaches = (sight.form_factor + sight.uncertainty) * strength > NEGLIGIBLE * tolerances.row_w_m2;
+    let levels_left = case.receiver_has_levels && 0.5 * case.receiver_edge_m >= tolerances.min_element_m;
+    if case.receiver_is_cut && in_part && reaches && levels_left {
+        return Verdict::SplitReceiver;
+    }
+    let allowed = tolerances.of_link(sight.form_factor + sight.uncertainty);
     // Over a receiver the deviation from the mean is about half its largest on average.
     let receiver_error = (0.5 * sight.spread + sight.uncertainty) * strength;
     let source_error = sight.form_factor * source.spread * case.source_variation;
-    if receiver_error + source_error <= tolerances.link_w_m2 {
+    if receiver_error + source_error <= allowed {
         return Verdict::Keep;
     }
     if source.divided && source_error >= receiver_error {
         return Verdict::SplitSource;
     }
-    if can_split(case, tolerances, receiver_error) {
+    if can_split(case, tolerances, receiver_error / allowed) {
         return Verdict::SplitReceiver;
     }
-    if source.divided && source_error > tolerances.link_w_m2 { Verdict::SplitSource } else { Verdict::Keep }
+    if source.divided && source_error > allowed { Verdict::SplitSource } else { Verdict::Keep }
 }

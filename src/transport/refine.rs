@@ -10,9 +10,11 @@ use super::sight::{self, Care, Sight};
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
+use crate::rays::region;
 
 /// Which sources are linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,17 +63,17 @@ pub struct Receiver<'a> {
     pub changed: Vec<bool>,
     /// What was done.
     pub counts: Counts,
+    /// Whether walls stand on each element, where that has been asked.
+    cut: Vec<Option<bool>>,
 }
-
-/// No form factor's error above this is let pass, however alike source and receiver are now.
-const LARGEST_DOUBT: f64 = 0.01;
 
 impl<'a> Receiver<'a> {
     /// Over stored elements and links (`rows` parallel to the mesh's elements).
     #[must_use]
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
-        Self { view, mesh, rows, changed, counts: Counts::default() }
+        let cut = vec![None; rows.len()];
+        Self { view, mesh, rows, changed, counts: Counts::default(), cut }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
@@ -177,12 +179,19 @@ impl<'a> Receiver<'a> {
         known: Visibility,
     ) {
         let source = source_view.source(s.name);
+        if self.cut[at].is_none() {
+            // What nothing cuts has no cut children.
+            let above = self.mesh.elements[at].parent;
+            let possible = above == NONE || self.cut[above as usize] != Some(false);
+            self.cut[at] = Some(possible && region::is_cut(&context.scene, r));
+        }
         let strength = self.strength(at, source.radiosity);
         let case = self.case(at, r, s, Visibility::Partial);
-        let allowed = (context.tolerances.link_w_m2 / strength).min(LARGEST_DOUBT);
         let care = Care {
-            allowed,
-            can_split: oracle::can_split(&case, &context.tolerances, 2.0 * context.tolerances.link_w_m2),
+            allowed: context.tolerances.row_w_m2 / strength,
+            can_split: oracle::can_split(&case, &context.tolerances, 2.0),
+            min_element_m: context.tolerances.min_element_m,
+            one_region_source: case.receiver_is_dark && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
         };
         let Some(found) = sight::look(&context.scene, r, s, known, care, &mut self.counts.rays) else { return };
@@ -222,6 +231,7 @@ impl<'a> Receiver<'a> {
             self.mesh.split(at, patch);
             self.rows.resize_with(self.mesh.elements.len(), Vec::new);
             self.changed.resize(self.mesh.elements.len(), true);
+            self.cut.resize(self.mesh.elements.len(), None);
         }
         let first = self.mesh.elements[at].first_child as usize;
         for quarter in 0..4u32 {
@@ -239,6 +249,8 @@ impl<'a> Receiver<'a> {
             receiver_area_m2: self.mesh.elements[at].area_m2,
             receiver_edge_m: r.shape.longest_edge(),
             receiver_has_levels: r.name.depth() < MAX_DEPTH,
+            receiver_is_dark: self.mesh.elements[at].is_dark(),
+            receiver_is_cut: self.cut[at] == Some(true),
             source_variation: variation(r, s, class),
         }
     }
@@ -299,8 +311,13 @@ impl<'a> Receiver<'a> {
             class: link.class,
         };
         // The cheap bound first: shapes are needed only where it does not do.
-        let bound = (0.5 * sight.spread + sight.uncertainty) * strength + sight.form_factor * source.spread;
-        if bound <= context.tolerances.link_w_m2 {
+        let bound =
+            (0.5 * sight.spread + sight.uncertainty) * strength + sight.form_factor * source.spread * PARTIAL_VARIATION;
+        let element = &self.mesh.elements[at];
+        if !element.is_dark()
+            && self.cut[at] != Some(true)
+            && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
+        {
             return Verdict::Keep;
         }
         let s = node(view, link.source);
@@ -317,10 +334,14 @@ fn side_key(name: NodeName) -> u64 {
     name.0 >> 29
 }
 
+/// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
+/// part (what lies under a box is dark and unseen), an error that does not average out over links.
+const PARTIAL_VARIATION: f64 = 4.0;
+
 /// How much the kernel may vary over the source: all of it where visibility does, little from afar.
 fn variation(r: &Node, s: &Node, class: Visibility) -> f64 {
     if class == Visibility::Partial {
-        return 1.0;
+        return PARTIAL_VARIATION;
     }
     (3.0 * s.shape.radius() / r.shape.centre().distance(s.shape.centre()).max(f64::MIN_POSITIVE)).min(1.0)
 }

@@ -4,12 +4,15 @@
 //! Only partial links cast rays: stratified, weighted by the kernel, seeded by the pair of names, few
 //! first and more only while the outcome matters.
 
+use glam::DVec3;
+
 use super::form_factor;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
+use crate::rays::region::Region;
 use crate::rays::shaft::{Contents, ShaftEnd};
 
 /// A link's numbers.
@@ -28,13 +31,21 @@ pub struct Sight {
 /// How carefully to look.
 #[derive(Clone, Copy, Debug)]
 pub struct Care {
-    /// Error of the form factor that does not matter.
+    /// Error of the form factor that does not matter, for a form factor of 1; for others it is less
+    /// by their square root.
     pub allowed: f64,
     /// Whether the receiver may be split instead of casting more rays.
     pub can_split: bool,
+    /// No element edge below this, m: elements too short to be split stand for one region.
+    pub min_element_m: f64,
+    /// Whether the source stands for one region whatever its size.
+    pub one_region_source: bool,
     /// From `--seed`.
     pub seed: u64,
 }
+
+/// No form factor's error above this is let pass, however alike source and receiver are now.
+const LARGEST_DOUBT: f64 = 0.01;
 
 /// Rays of the first batch, and the most for one link.
 const FIRST_RAYS: u64 = 8;
@@ -55,10 +66,18 @@ pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: C
     if known == Visibility::Hidden {
         return Some(nothing);
     }
-    let tolerance = (0.1 * care.allowed).clamp(1e-6, FORM_FACTOR_TOLERANCE);
+    let centres = r.shape.centre().distance_squared(s.shape.centre());
+    let rough = (s.shape.area() / (std::f64::consts::PI * centres)).clamp(1e-8, 1.0);
+    let tolerance = (0.1 * care.allowed * rough.sqrt()).clamp(1e-7, FORM_FACTOR_TOLERANCE);
     let open = form_factor::average(&r.shape, r.normal, &s.shape, s.normal, tolerance);
     let spread = (open.high - open.mean).max(open.mean - open.low);
     let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible };
+    let smallest = |node: &Node| 0.5 * node.shape.longest_edge() < care.min_element_m;
+    let region = |node: &Node, wanted: bool| if wanted { Region::of(scene, node) } else { None };
+    let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
+    if regions.iter().any(Option::is_some) {
+        return Some(sample(scene, r, s, &clear, regions, care, rays));
+    }
     if known == Visibility::Visible {
         return Some(clear);
     }
@@ -70,7 +89,7 @@ pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: C
     match scene.shaft(ends[0], ends[1]) {
         Contents::Nothing => Some(clear),
         Contents::Wall => Some(nothing),
-        Contents::Something => Some(sample(scene, r, s, &clear, care, rays)),
+        Contents::Something => Some(sample(scene, r, s, &clear, regions, care, rays)),
     }
 }
 
@@ -122,12 +141,22 @@ impl Tally {
     }
 }
 
-fn sample(scene: &RayScene<'_>, r: &Node, s: &Node, clear: &Sight, care: Care, rays: &mut u64) -> Sight {
+fn sample(
+    scene: &RayScene<'_>,
+    r: &Node,
+    s: &Node,
+    clear: &Sight,
+    [r_region, s_region]: [Option<Region>; 2],
+    care: Care,
+    rays: &mut u64,
+) -> Sight {
+    let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.
     let softening = 2e-3 * s.shape.area();
+    let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally::default();
     let mut target = FIRST_RAYS;
     let mut index = 0;
@@ -137,6 +166,9 @@ fn sample(scene: &RayScene<'_>, r: &Node, s: &Node, clear: &Sight, care: Care, r
             let quarter = (index % 4) as usize;
             index += 1;
             let (from, to) = (quarters[quarter].point(a, b), s.shape.point(c, d));
+            if !inside(&r_region, from) {
+                continue;
+            }
             let along = to - from;
             let (cos_r, cos_s) = (r.normal.dot(along), -s.normal.dot(along));
             if cos_r <= 0.0 || cos_s <= 0.0 {
@@ -145,12 +177,13 @@ fn sample(scene: &RayScene<'_>, r: &Node, s: &Node, clear: &Sight, care: Care, r
             let distance_squared = along.length_squared();
             let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
             *rays += 1;
-            tally.add(quarter, weight, !scene.blocked(from, to, &r.end, &s.end));
+            let visible = inside(&s_region, to) && !scene.blocked(from, to, &r.end, &s.end);
+            tally.add(quarter, weight, visible);
         }
         let share = tally.share();
         let doubt = clear.form_factor * tally.error();
         let mixed = share > 0.0 && share < 1.0;
-        if doubt <= care.allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
+        if doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
             return Sight {
                 form_factor: clear.form_factor * share,
                 spread: clear.spread * share + clear.form_factor * tally.gradient(),
