@@ -2,3 +2,4 @@
 
 pub mod mtl;
 pub mod obj;
+pub mod points;

@@ -1,6 +1,7 @@
 //! Rays: box hierarchies built by obvhs, our own edge-safe traversal, shafts. Pure: slices in, hits out.
 
 pub mod build;
+pub mod locate;
 pub mod node;
 pub mod region;
 pub mod scene;

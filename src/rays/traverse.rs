@@ -217,6 +217,11 @@ impl RayScene<'_> {
     /// Whether `test` holds for any patch whose leaf's box meets `bounds`.
     #[must_use]
     pub fn any_in_box(&self, bounds: &Bounds, test: impl Fn(&RayPatch) -> bool) -> bool {
+        self.any_in_box_of(bounds, |_, patch| test(patch))
+    }
+
+    /// The same with the patch's cluster.
+    pub(super) fn any_in_box_of(&self, bounds: &Bounds, test: impl Fn(u32, &RayPatch) -> bool) -> bool {
         let meets = |node: &RayNode| Bounds::from_f32(node.min_m, node.max_m).meets(*bounds);
         let mut top = vec![0u32];
         while let Some(at) = top.pop() {
@@ -239,7 +244,7 @@ impl RayScene<'_> {
                     let items = node.first as usize..(node.first + node.count) as usize;
                     if node.count == 0 {
                         stack.extend([node.first, node.first + 1]);
-                    } else if rays.patches[items].iter().any(&test) {
+                    } else if rays.patches[items].iter().any(|patch| test(reference.cluster, patch)) {
                         return true;
                     }
                 }

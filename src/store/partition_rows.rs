@@ -22,6 +22,21 @@ pub struct VisibilityRow {
     pub escape: f64,
 }
 
+/// Figures of visibility over all clusters.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VisibilityFigures {
+    /// Pairs of clusters that see each other: half the entries of all lists.
+    pub pairs: u64,
+    /// Rays cast.
+    pub rays: u64,
+    /// Mean over clusters of the form factor to clusters not in their lists.
+    pub missing_mean: f64,
+    /// Its largest.
+    pub missing_max: f64,
+    /// Mean over clusters of the share of rays that left the model.
+    pub escape_mean: f64,
+}
+
 /// A group as partition makes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupRow {
@@ -63,6 +78,26 @@ impl Store {
             }
             writer.publish(tx)
         })
+    }
+
+    /// Figures of a finished visibility.
+    pub fn visibility_figures(&self) -> Result<VisibilityFigures> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT coalesce(sum(visible_clusters), 0), coalesce(sum(visibility_rays), 0),
+                coalesce(avg(missing_form_factor), 0), coalesce(max(missing_form_factor), 0),
+                coalesce(avg(escape_share), 0) FROM clusters",
+        )?;
+        Ok(query.query_row([], |row| {
+            // Lists are symmetric: every pair of two clusters stands in both.
+            let listed: u64 = row.get(0)?;
+            Ok(VisibilityFigures {
+                pairs: listed.div_ceil(2),
+                rays: row.get(1)?,
+                missing_mean: row.get(2)?,
+                missing_max: row.get(3)?,
+                escape_mean: row.get(4)?,
+            })
+        })?)
     }
 
     /// Marks a stage as finished from these inputs and options.

@@ -6,7 +6,7 @@ use crate::base::Rgb;
 use crate::model::links::Visibility;
 
 /// What error matters, the same for a whole task.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
     /// Irradiance error that a whole row may carry, W/m2.
     pub row_w_m2: f64,

@@ -1,0 +1,202 @@
+//! The links of a group while it is relaxed: streamed from the store, with those inside the group
+//! decoded to positions in a cache of bounded bytes; or, with `--links discard`, made again whenever
+//! they have dropped out of it.
+
+use std::rc::Rc;
+
+use lru::LruCache;
+
+use super::working_set::WorkingSet;
+use crate::base::{ClusterId, NodeName, Result, Rgb};
+use crate::model::ExtentKind;
+use crate::model::links::{LinksView, index_of};
+use crate::store::Extent;
+use crate::store::tasks::UpdateRow;
+use crate::transport::link_rows::{self, Link};
+use crate::transport::relax::{InnerLink, InnerLinks, Member};
+use crate::transport::source::Loaded;
+
+/// A cluster's link extents, base first.
+pub struct Chain(Vec<Extent>);
+
+impl Chain {
+    /// Their arrays.
+    pub fn views(&self) -> Result<Vec<LinksView<'_>>> {
+        self.0.iter().map(|e| e.parse(LinksView::parse)).collect()
+    }
+}
+
+/// Makes a cluster's links anew.
+pub type Recompute<'a> = &'a dyn Fn(usize) -> Result<Vec<(NodeName, Vec<Link>)>>;
+
+/// Where the links of a group's clusters come from.
+pub struct LinkStore<'a, 's> {
+    /// The version that is read.
+    pub set: &'a WorkingSet<'s>,
+    /// The group's clusters, ascending.
+    pub clusters: &'a [ClusterId],
+    /// Link extents written by this visit.
+    pub new: &'a [UpdateRow],
+    /// For links that are not kept.
+    pub recompute: Recompute<'a>,
+    /// Whether links are kept.
+    pub keep: bool,
+}
+
+/// What the names of a dictionary stand for during a visit.
+pub struct SourceTable(Vec<Place>);
+
+#[derive(Clone, Copy)]
+enum Place {
+    Outside(Rgb),
+    Inside(u32),
+}
+
+impl SourceTable {
+    /// Radiosity of a source outside the group, W/m2.
+    #[must_use]
+    pub fn outside(&self, source: usize) -> Option<Rgb> {
+        match self.0[source] {
+            Place::Outside(radiosity) => Some(radiosity),
+            Place::Inside(_) => None,
+        }
+    }
+
+    /// Position of a source inside the group.
+    #[must_use]
+    pub fn inside(&self, source: usize) -> Option<u32> {
+        match self.0[source] {
+            Place::Outside(_) => None,
+            Place::Inside(position) => Some(position),
+        }
+    }
+}
+
+impl<'s> LinkStore<'_, 's> {
+    /// A cluster's extents: those of the version, and `new` behind or instead of them.
+    pub fn chain(set: &WorkingSet<'s>, id: ClusterId, new: Option<&UpdateRow>) -> Result<Chain> {
+        let store = set.snapshot().store();
+        let mut extents = match new {
+            Some(row) if !row.delta => Vec::new(),
+            _ => set.snapshot().links(id)?,
+        };
+        if let Some(row) = new {
+            extents.push(store.extent(row.at, ExtentKind::Links)?);
+        }
+        Ok(Chain(extents))
+    }
+
+    fn resolve(&self, names: &[u64], members: &[Member]) -> Result<SourceTable> {
+        let mut places = Vec::with_capacity(names.len());
+        for &name in names {
+            let name = NodeName(name);
+            places.push(match self.clusters.binary_search(&name.cluster()) {
+                Ok(index) => {
+                    let member = &members[index];
+                    Place::Inside((member.first + member.mesh.nearest(name)) as u32)
+                }
+                Err(_) => Place::Outside(self.set.mapped(name.cluster())?.view().source(name).radiosity),
+            });
+        }
+        Ok(SourceTable(places))
+    }
+
+    /// Calls `visit` with every link of a member, in the order of the store: (sources, position of the
+    /// receiver in the member's mesh, position of the source in the table, form factor).
+    pub fn visit(
+        &self,
+        index: usize,
+        members: &[Member],
+        mut visit: impl FnMut(&SourceTable, usize, usize, f32),
+    ) -> Result<()> {
+        let mesh = &members[index].mesh;
+        if !self.keep {
+            for (receiver, row) in (self.recompute)(index)? {
+                let names: Vec<u64> = row.iter().map(|l| l.source.0).collect();
+                let table = self.resolve(&names, members)?;
+                for (at, link) in row.iter().enumerate() {
+                    visit(&table, mesh.nearest(receiver), at, link.form_factor);
+                }
+            }
+            return Ok(());
+        }
+        let id = self.clusters[index];
+        let new = self.new.iter().find(|r| r.cluster == id && r.kind == ExtentKind::Links);
+        let chain = Self::chain(self.set, id, new)?;
+        let views = chain.views()?;
+        let tables: Vec<_> = views.iter().map(|v| self.resolve(v.sources, members)).collect::<Result<_>>()?;
+        link_rows::for_each_row(&views, |receiver, view, range| {
+            let table = &tables[views.iter().position(|v| std::ptr::eq(v, view)).expect("one of the views")];
+            let receiver = mesh.nearest(receiver);
+            for at in range {
+                visit(table, receiver, index_of(view.packed[at]), view.form_factor[at]);
+            }
+        });
+        Ok(())
+    }
+}
+
+/// Links within the group, decoded; the least recently used make room.
+pub struct GroupLinks<'a, 's> {
+    store: &'a LinkStore<'a, 's>,
+    cache: LruCache<usize, Rc<Vec<InnerLink>>>,
+    bytes: u64,
+    limit_bytes: u64,
+    reused: u64,
+    recomputed: u64,
+}
+
+impl<'a, 's> GroupLinks<'a, 's> {
+    /// An empty cache.
+    #[must_use]
+    pub fn new(store: &'a LinkStore<'a, 's>, limit_bytes: u64) -> Self {
+        let cache = LruCache::unbounded();
+        Self { store, cache, bytes: 0, limit_bytes, reused: 0, recomputed: 0 }
+    }
+
+    /// Links used again without being evaluated again.
+    #[must_use]
+    pub fn reused(&self) -> u64 {
+        self.reused
+    }
+
+    /// Links evaluated again because they had been dropped.
+    #[must_use]
+    pub fn recomputed(&self) -> u64 {
+        self.recomputed
+    }
+}
+
+fn weight(links: &[InnerLink]) -> u64 {
+    size_of_val(links) as u64
+}
+
+impl InnerLinks for GroupLinks<'_, '_> {
+    fn of(&mut self, index: usize, members: &[Member]) -> Result<Rc<Vec<InnerLink>>> {
+        if let Some(known) = self.cache.get(&index) {
+            self.reused += known.len() as u64;
+            return Ok(known.clone());
+        }
+        let mut links = Vec::new();
+        self.store.visit(index, members, |table, receiver, source, form_factor| {
+            if let Some(source) = table.inside(source)
+                && form_factor > 0.0
+            {
+                links.push(InnerLink { receiver: receiver as u32, source, form_factor });
+            }
+        })?;
+        if self.store.keep {
+            self.reused += links.len() as u64;
+        } else {
+            self.recomputed += links.len() as u64;
+        }
+        let links = Rc::new(links);
+        self.bytes += weight(&links);
+        self.cache.put(index, links.clone());
+        while self.bytes > self.limit_bytes {
+            let Some((_, dropped)) = self.cache.pop_lru() else { break };
+            self.bytes -= weight(&dropped);
+        }
+        Ok(links)
+    }
+}

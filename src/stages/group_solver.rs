@@ -1,0 +1,261 @@
+//! One visit to a group: refine its clusters' links, gather what comes from outside once, iterate
+//! what stays inside, and write what changed. A function of the version read, the group and the
+//! options alone.
+
+use std::collections::HashMap;
+
+use super::group_links::{GroupLinks, LinkStore, SourceTable};
+use super::working_set::WorkingSet;
+use crate::base::{ClusterId, NodeName, Progress, Result, Rgb};
+use crate::model::ExtentKind;
+use crate::model::links::LeafClosure;
+use crate::model::report::TaskReport;
+use crate::rays::RayScene;
+use crate::rays::node::Node;
+use crate::store::SegmentWriter;
+use crate::store::tasks::UpdateRow;
+use crate::transport::closure::{self, Row};
+use crate::transport::link_rows::{self, Link};
+use crate::transport::mesh::Mesh;
+use crate::transport::oracle::Tolerances;
+use crate::transport::push_pull::Factors;
+use crate::transport::records;
+use crate::transport::refine::{Context, Counts, Receiver, Scope};
+use crate::transport::relax::{self, Inner, Member};
+use crate::transport::source::Loaded;
+
+/// What shapes a visit's result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Errors that matter.
+    pub tolerances: Tolerances,
+    /// When to stop within the group.
+    pub inner: Inner,
+    /// From `--seed`.
+    pub seed: u64,
+    /// Which sources to link.
+    pub scope: Scope,
+    /// Whether links are kept in the store.
+    pub keep_links: bool,
+    /// Bytes of decoded links held in memory: never changes the result.
+    pub link_cache_bytes: u64,
+}
+
+/// A visit's result: rows to publish and figures.
+pub struct Solved {
+    /// New extents, in the worker's segment.
+    pub rows: Vec<UpdateRow>,
+    /// Figures.
+    pub report: TaskReport,
+}
+
+/// A cluster after refinement.
+struct Refined {
+    mesh: Mesh,
+    rows: Vec<Vec<Link>>,
+    closure: Vec<LeafClosure>,
+    changed: Vec<bool>,
+    stored_changed: bool,
+    counts: Counts,
+}
+
+/// Solves a group.
+pub struct GroupSolver<'a, 's> {
+    /// The version that is read.
+    pub set: &'a WorkingSet<'s>,
+    /// What rays can meet.
+    pub scene: RayScene<'a>,
+    /// What shapes the result.
+    pub settings: Settings,
+    /// Where to report.
+    pub progress: &'a dyn Progress,
+}
+
+impl<'a, 's> GroupSolver<'a, 's> {
+    /// Solves the group of these clusters (ascending) and appends what changed to `writer`.
+    pub fn solve(&self, clusters: &[ClusterId], writer: &mut SegmentWriter) -> Result<Solved> {
+        let mut report = TaskReport { complete: self.settings.scope == Scope::Everything, ..TaskReport::default() };
+        let mut rows = Vec::new();
+        let (mut members, mut closures) = (Vec::new(), Vec::new());
+        let mut first = 0;
+        self.progress.begin("refine", "clusters", Some(clusters.len() as u64));
+        for (done, &id) in clusters.iter().enumerate() {
+            let refined = self.refine(id, self.settings.keep_links)?;
+            report.links_evaluated += refined.counts.evaluated;
+            report.links_reused += refined.counts.reused;
+            report.rays += refined.counts.rays;
+            report.links_stored += refined.rows.iter().map(|r| r.len() as u64).sum::<u64>();
+            if self.settings.keep_links && refined.stored_changed {
+                rows.push(write_links(id, &refined, writer)?);
+            }
+            let member = member(self.set, id, refined.mesh, &refined.closure, first)?;
+            first += member.mesh.elements.len();
+            members.push(member);
+            closures.push(refined.closure);
+            self.progress.at(done as u64 + 1);
+        }
+        // New links are read back through the mapping, like old ones.
+        writer.sync()?;
+        self.gather_and_relax(clusters, &mut members, &rows, &mut report)?;
+        self.write_light(clusters, &members, writer, &mut rows)?;
+        for (member, closure) in members.iter().zip(&closures) {
+            count_energy(member, closure, &mut report);
+        }
+        report.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
+        Ok(Solved { rows, report })
+    }
+
+    /// Refines one cluster from its stored links (or from none) against the light of the version.
+    fn refine(&self, id: ClusterId, from_stored: bool) -> Result<Refined> {
+        let loaded = self.set.mapped(id)?;
+        let view = loaded.view();
+        let mesh = Mesh::load(id, &view.geometry, &view.light);
+        let mut rows = vec![Vec::new(); mesh.elements.len()];
+        let mut known: HashMap<u64, LeafClosure> = HashMap::new();
+        if from_stored {
+            let chain = LinkStore::chain(self.set, id, None)?;
+            let views = chain.views()?;
+            link_rows::for_each_row(&views, |name, view, range| {
+                rows[mesh.nearest(name)] = range.map(|at| link_rows::link_at(view, at)).collect();
+            });
+            if let Some(newest) = views.last() {
+                known = newest.closure.iter().map(|c| (c.leaf, *c)).collect();
+            }
+        }
+        let context = Context {
+            scene: self.scene,
+            clusters: self.set,
+            tolerances: self.settings.tolerances,
+            seed: self.settings.seed,
+            scope: self.settings.scope,
+            progress: self.progress,
+        };
+        let (visible, head) = self.set.visible(id)?;
+        let mut receiver = Receiver::new(view, mesh, rows);
+        receiver.refine(&context, &visible)?;
+        let mut counts = receiver.counts;
+        let patches = view.geometry.patches;
+        let closure = closure::rows(&receiver.mesh, &receiver.rows, |leaf| {
+            let escape = match known.get(&leaf.0) {
+                Some(stored) => f64::from(stored.measured_escape),
+                None if head.escape > 0.0 => {
+                    let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
+                    closure::measure_escape(&self.scene, &node, self.settings.seed, &mut counts.rays)
+                }
+                None => 0.0,
+            };
+            let complete = self.settings.scope == Scope::Everything;
+            Row { escape, unseen: f64::from(head.missing), complete, ..Row::default() }
+        });
+        let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
+        let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
+        let Receiver { mesh, rows, changed, .. } = receiver;
+        Ok(Refined { mesh, rows, closure, changed, stored_changed, counts })
+    }
+
+    fn gather_and_relax(
+        &self,
+        clusters: &[ClusterId],
+        members: &mut [Member],
+        new: &[UpdateRow],
+        report: &mut TaskReport,
+    ) -> Result<()> {
+        let recompute = |index: usize| -> Result<Vec<(NodeName, Vec<Link>)>> {
+            let refined = self.refine(clusters[index], false)?;
+            Ok(refined.mesh.elements.iter().map(|e| e.name).zip(refined.rows).collect())
+        };
+        let store = LinkStore { set: self.set, clusters, new, recompute: &recompute, keep: self.settings.keep_links };
+        self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
+        for index in 0..members.len() {
+            let mut external = vec![Rgb::BLACK; members[index].mesh.elements.len()];
+            store.visit(index, members, |table: &SourceTable, receiver, source, form_factor| {
+                if let Some(radiosity) = table.outside(source) {
+                    external[receiver] += radiosity * f64::from(form_factor);
+                }
+            })?;
+            members[index].external = external;
+            self.progress.at(index as u64 + 1);
+        }
+        let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
+        let relaxed = relax::relax(members, &mut links, self.settings.inner, self.progress)?;
+        report.inner_sweeps = relaxed.sweeps;
+        report.links_reused += links.reused();
+        report.links_evaluated += links.recomputed();
+        report.q_max =
+            members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
+        Ok(())
+    }
+
+    fn write_light(
+        &self,
+        clusters: &[ClusterId],
+        members: &[Member],
+        writer: &mut SegmentWriter,
+        rows: &mut Vec<UpdateRow>,
+    ) -> Result<()> {
+        for (&id, member) in clusters.iter().zip(members) {
+            let loaded = self.set.mapped(id)?;
+            let view = loaded.view();
+            let payload = records::encode(&member.mesh, &view.geometry, view.materials);
+            if payload != loaded.light_payload() {
+                let at = writer.append(ExtentKind::Radiosity, id.0, &payload)?;
+                rows.push(UpdateRow { cluster: id, kind: ExtentKind::Radiosity, delta: false, at });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes a cluster's links: the changed rows where they are few, else all.
+fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> Result<UpdateRow> {
+    let mut order: Vec<usize> = (0..refined.rows.len()).collect();
+    order.sort_unstable_by_key(|&at| refined.mesh.elements[at].name);
+    let of = |at: usize| (refined.mesh.elements[at].name, refined.rows[at].as_slice());
+    let count = |keep: &dyn Fn(usize) -> bool| -> usize {
+        order.iter().filter(|&&at| keep(at)).map(|&at| refined.rows[at].len()).sum()
+    };
+    let (changed, all) = (count(&|at| refined.changed[at]), count(&|_| true));
+    // A delta leaves the rows it replaces behind as garbage: past half, all are written anew.
+    let delta = refined.counts.reused > 0 && 2 * changed < all;
+    let rows: Vec<_> = order
+        .iter()
+        .filter(|&&at| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() })
+        .map(|&at| of(at))
+        .collect();
+    let at = writer.append(ExtentKind::Links, id.0, &link_rows::encode(delta, &rows, &refined.closure))?;
+    Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
+}
+
+fn member(set: &WorkingSet<'_>, id: ClusterId, mesh: Mesh, closure: &[LeafClosure], first: usize) -> Result<Member> {
+    let mut factors = vec![Factors::ONE; mesh.elements.len()];
+    for c in closure {
+        factors[mesh.nearest(NodeName(c.leaf))] =
+            Factors { own: f64::from(c.own_factor), above: f64::from(c.above_factor) };
+    }
+    let materials = set.mapped(id)?.view().materials.to_vec();
+    Ok(Member { mesh, materials, external: Vec::new(), factors, first })
+}
+
+/// Adds a cluster's power to the report: what its sides emit and absorb, and what leaves the model.
+fn count_energy(member: &Member, closure: &[LeafClosure], report: &mut TaskReport) {
+    let add = |sum: &mut [f64; 3], power: Rgb| {
+        for (s, p) in sum.iter_mut().zip(power.0) {
+            *s += p;
+        }
+    };
+    for element in member.mesh.elements.iter().filter(|e| e.is_leaf()) {
+        let material = &member.materials[element.name.patch_side().index()];
+        let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
+        add(&mut report.emitted_w, Rgb::from_f32(material.exitance) * element.area_m2);
+        add(&mut report.absorbed_w, absorbed * element.area_m2);
+    }
+    for c in closure {
+        let at = member.mesh.nearest(NodeName(c.leaf));
+        let area = member.mesh.elements[at].area_m2;
+        add(&mut report.escaped_w, member.radiosity(at) * (area * f64::from(c.escape)));
+        if !member.mesh.elements[at].irradiance.is_black() {
+            report.unlinked_area_m2 += area * f64::from(c.unlinked);
+            report.lit_area_m2 += area;
+        }
+    }
+}

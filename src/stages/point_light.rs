@@ -1,0 +1,104 @@
+//! The light at one place of a surface: a gather over the stored links of the elements that hold it.
+
+use std::rc::Rc;
+
+use glam::DVec3;
+use lru::LruCache;
+
+use super::group_links::LinkStore;
+use super::working_set::{MappedCluster, WorkingSet};
+use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
+use crate::geom::quadtree;
+use crate::model::links::LeafClosure;
+use crate::rays::RayScene;
+use crate::rays::locate::Place;
+use crate::rays::node::Node;
+use crate::transport::gather_point::{self, Gathered};
+use crate::transport::link_rows::{self, Link};
+use crate::transport::source::{Clusters, Loaded};
+
+/// Rows and closures of a receiving cluster, by name.
+struct Rows {
+    rows: Vec<(NodeName, Vec<Link>)>,
+    closure: Vec<LeafClosure>,
+}
+
+/// Clusters whose links are held: points come in runs.
+const HELD: std::num::NonZeroUsize = std::num::NonZeroUsize::new(8).expect("not 0");
+
+/// Gathers at points of surfaces.
+pub struct PointLight<'a, 's> {
+    set: &'a WorkingSet<'s>,
+    scene: RayScene<'a>,
+    /// Error of a source's light that does not matter, W/m2.
+    allowed_w_m2: f64,
+    held: LruCache<u32, Rc<Rows>>,
+    /// Rays cast so far.
+    pub rays: u64,
+}
+
+impl<'a, 's> PointLight<'a, 's> {
+    /// Over a version; light below `allowed_w_m2` does not matter.
+    #[must_use]
+    pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64) -> Self {
+        Self { set, scene, allowed_w_m2, held: LruCache::new(HELD), rays: 0 }
+    }
+
+    /// The leaf element that holds a point of a patch side.
+    pub fn leaf(&self, cluster: &MappedCluster, at: Place, point: DVec3) -> Node {
+        let view = cluster.view();
+        let side = PatchSide { patch: at.key.patch as u8, side: at.side };
+        let mut node = Node::root(view.id, &view.geometry.patches[usize::from(side.patch)], side);
+        while view.light.has_children(node.name) {
+            node = node.child(quadtree::child_at(&node.shape, point));
+        }
+        node
+    }
+
+    /// Irradiance at a point (m from the store's origin) of a patch side, W/m2.
+    pub fn irradiance(&mut self, at: Place, point: DVec3) -> Result<Rgb> {
+        let id = ClusterId(at.key.cluster);
+        let leaf = self.leaf(&*self.set.mapped(id)?, at, point);
+        let rows = self.rows(id)?;
+        let closure = rows.closure.binary_search_by_key(&leaf.name.0, |c| c.leaf).ok().map(|i| &rows.closure[i]);
+        // Exactly on the plane: what lies in it must not count as above or below.
+        let on_plane = point - leaf.normal * leaf.height(point);
+        let place = gather_point::Place { point: on_plane, leaf: &leaf, closure };
+        let mut gathered = Gathered::default();
+        let mut above = Some(leaf.name);
+        while let Some(name) = above {
+            if let Ok(i) = rows.rows.binary_search_by_key(&name, |r| r.0) {
+                for link in &rows.rows[i].1 {
+                    let source = self.set.cluster(link.source.cluster())?;
+                    gather_point::add_link(
+                        &self.scene,
+                        &place,
+                        &source.view(),
+                        link,
+                        self.allowed_w_m2,
+                        &mut gathered,
+                        &mut self.rays,
+                    );
+                }
+            }
+            above = name.parent();
+        }
+        Ok(gather_point::finish(&place, &gathered))
+    }
+
+    fn rows(&mut self, id: ClusterId) -> Result<Rc<Rows>> {
+        if let Some(known) = self.held.get(&id.0) {
+            return Ok(known.clone());
+        }
+        let chain = LinkStore::chain(self.set, id, None)?;
+        let views = chain.views()?;
+        let mut rows = Vec::new();
+        link_rows::for_each_row(&views, |name, view, range| {
+            rows.push((name, range.map(|i| link_rows::link_at(view, i)).collect()));
+        });
+        let closure = views.last().map_or_else(Vec::new, |newest| newest.closure.to_vec());
+        let rows = Rc::new(Rows { rows, closure });
+        self.held.put(id.0, rows.clone());
+        Ok(rows)
+    }
+}

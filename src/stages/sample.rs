@@ -1,0 +1,93 @@
+//! `sample`: irradiance and lux at sensor points on surfaces.
+
+use std::io::Write;
+
+use glam::DVec3;
+use serde::Serialize;
+
+use super::point_light::PointLight;
+use super::tolerances;
+use super::working_set::WorkingSet;
+use crate::base::{Error, Progress, Result, Rgb, lux};
+use crate::formats::points::SensorPoint;
+use crate::model::rays::TopRaysView;
+use crate::rays::RayScene;
+use crate::store::Store;
+
+/// How to sample.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Options {
+    /// `--version`; the newest if none.
+    pub version: Option<u64>,
+    /// `--snap`, m; 1e-5 of the bounding diagonal if none.
+    pub snap_m: Option<f64>,
+}
+
+/// What came out.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Summary {
+    /// Points read.
+    pub points: u64,
+    /// Points with an answer.
+    pub answered: u64,
+    /// Points on no surface.
+    pub unanswered: u64,
+}
+
+/// Header of the result.
+pub const HEADER: &str =
+    "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
+
+/// Share of the model's typical irradiance that a source's unresolved light may make up at a point.
+const SOURCE_SHARE: f64 = 0.02;
+
+/// Reads points one by one and writes a line for each, in the same order.
+pub fn execute(
+    store: &Store,
+    options: &Options,
+    points: &mut dyn Iterator<Item = Result<SensorPoint>>,
+    out: &mut dyn Write,
+    progress: &dyn Progress,
+) -> Result<Summary> {
+    let version = options.version.map_or_else(|| store.newest_iteration_end(), Ok)?;
+    let set = WorkingSet::open(store, version)?;
+    let facts = store.facts()?;
+    let (top, file) = store
+        .ray_top()?
+        .ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
+    let scene =
+        RayScene::new(top.parse(TopRaysView::parse)?, &file, facts.snap_m).map_err(|e| top.damage(e))?;
+    let snap_m = options.snap_m.unwrap_or(1e-5 * facts.diagonal_m());
+    let mut light = PointLight::new(&set, scene, SOURCE_SHARE * tolerances::typical_irradiance(&facts));
+    let mut summary = Summary::default();
+    let io = |e: std::io::Error| Error::failed(format!("points could not be written: {e}"), "check the output file");
+    writeln!(out, "{HEADER}").map_err(io)?;
+    progress.begin("sample", "points", None);
+    for point in points {
+        let point = point?;
+        if progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+        let origin = DVec3::from_array(facts.origin);
+        let at = (DVec3::from_array(point.position) - origin) * facts.metres_per_unit;
+        let normal = DVec3::from_array(point.normal).normalize_or_zero();
+        summary.points += 1;
+        let [x, y, z] = point.position;
+        let [nx, ny, nz] = point.normal;
+        write!(out, "{x},{y},{z},{nx},{ny},{nz},").map_err(io)?;
+        match scene.locate(at, normal, snap_m) {
+            Some(place) => {
+                summary.answered += 1;
+                let irradiance = Rgb::from_f32(light.irradiance(place, at)?.to_f32());
+                let [r, g, b] = irradiance.to_f32();
+                writeln!(out, "{r},{g},{b},{}", lux(irradiance) as f32).map_err(io)?;
+            }
+            None => {
+                summary.unanswered += 1;
+                writeln!(out, ",,,").map_err(io)?;
+            }
+        }
+        progress.at(summary.points);
+    }
+    Ok(summary)
+}

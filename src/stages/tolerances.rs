@@ -1,0 +1,31 @@
+//! `--tolerance` in the model's own units.
+
+use crate::base::Rgb;
+use crate::store::ModelFacts;
+use crate::transport::oracle::Tolerances;
+
+/// What a model's light comes to on average, were it closed and all its sides lit: emitted power over
+/// absorbing area, W/m2 (norm over RGB). Known before anything is solved, so that tolerances depend on
+/// the model alone.
+#[must_use]
+pub fn typical_irradiance(facts: &ModelFacts) -> f64 {
+    let sides = if facts.both_sides { 2.0 } else { 1.0 };
+    let absorbing_m2 = sides * facts.area_m2 * (1.0 - facts.mean_reflectance).max(0.01);
+    Rgb(facts.emitted_w).norm_squared().sqrt() / absorbing_m2.max(f64::MIN_POSITIVE)
+}
+
+/// The tolerances of a task. No element edge is below `min_element_m`, by default the tolerance's
+/// share of a typical patch's width.
+#[must_use]
+pub fn of(facts: &ModelFacts, tolerance: f64, min_element_m: Option<f64>) -> Tolerances {
+    Tolerances {
+        row_w_m2: tolerance * typical_irradiance(facts),
+        min_element_m: min_element_m.unwrap_or_else(|| default_min_element_m(facts, tolerance)),
+    }
+}
+
+/// `--min-element` where none is given, m.
+#[must_use]
+pub fn default_min_element_m(facts: &ModelFacts, tolerance: f64) -> f64 {
+    tolerance * facts.mean_patch_area_m2.sqrt()
+}

@@ -1,0 +1,122 @@
+//! What a task may read: clusters of one version, mapped as needed. The cache holds places in
+//! mappings, not their bytes.
+
+use std::cell::RefCell;
+use std::num::NonZeroUsize;
+use std::rc::Rc;
+
+use lru::LruCache;
+
+use crate::base::{ClusterId, Error, Result};
+use crate::model::ExtentKind;
+use crate::model::geometry::{GeometryView, SideMaterial};
+use crate::model::layout::Arrays;
+use crate::model::light::LightView;
+use crate::model::visibility::{VisibilityHead, VisibilityView};
+use crate::store::{Extent, Snapshot, Store};
+use crate::transport::source::{ClusterView, Clusters, Loaded};
+
+/// Clusters remembered: under 1 KiB each.
+const REMEMBERED: NonZeroUsize = NonZeroUsize::new(8192).expect("not 0");
+
+/// A cluster's mapped extents; parsed once when loaded, so that later parses cannot fail.
+pub struct MappedCluster {
+    id: ClusterId,
+    geometry: Extent,
+    materials: Extent,
+    light: Extent,
+}
+
+fn side_materials(payload: &[u8]) -> std::result::Result<&[SideMaterial], String> {
+    Arrays::new(payload).get(0)
+}
+
+impl MappedCluster {
+    fn load(snapshot: &Snapshot<'_>, id: ClusterId) -> Result<Self> {
+        let geometry = snapshot.need(ExtentKind::Geometry, id)?;
+        let materials = snapshot.need(ExtentKind::Materials, id)?;
+        let light = snapshot.need(ExtentKind::Radiosity, id)?;
+        let sides = 2 * geometry.parse(GeometryView::parse)?.patches.len();
+        if materials.parse(side_materials)?.len() != sides {
+            return Err(materials.damage("not two materials per patch"));
+        }
+        if light.parse(LightView::parse)?.level(0).len() != sides {
+            return Err(light.damage("not two roots per patch"));
+        }
+        Ok(Self { id, geometry, materials, light })
+    }
+
+    /// The payload of its radiosity extent.
+    #[must_use]
+    pub fn light_payload(&self) -> &[u8] {
+        self.light.payload()
+    }
+}
+
+impl Loaded for MappedCluster {
+    fn view(&self) -> ClusterView<'_> {
+        const CHECKED: &str = "parsed when it was loaded";
+        ClusterView {
+            id: self.id,
+            geometry: GeometryView::parse(self.geometry.payload()).expect(CHECKED),
+            materials: side_materials(self.materials.payload()).expect(CHECKED),
+            light: LightView::parse(self.light.payload()).expect(CHECKED),
+        }
+    }
+}
+
+/// Clusters of one version.
+pub struct WorkingSet<'s> {
+    snapshot: Snapshot<'s>,
+    clusters: RefCell<LruCache<u32, Rc<MappedCluster>>>,
+}
+
+impl<'s> WorkingSet<'s> {
+    /// Opens a version.
+    pub fn open(store: &'s Store, version: u64) -> Result<Self> {
+        Ok(Self { snapshot: Snapshot::at(store, version)?, clusters: RefCell::new(LruCache::new(REMEMBERED)) })
+    }
+
+    /// The version.
+    #[must_use]
+    pub fn snapshot(&self) -> &Snapshot<'s> {
+        &self.snapshot
+    }
+
+    /// A cluster.
+    pub fn mapped(&self, id: ClusterId) -> Result<Rc<MappedCluster>> {
+        if let Some(known) = self.clusters.borrow_mut().get(&id.0) {
+            return Ok(known.clone());
+        }
+        let loaded = Rc::new(MappedCluster::load(&self.snapshot, id)?);
+        self.clusters.borrow_mut().put(id.0, loaded.clone());
+        Ok(loaded)
+    }
+
+    /// Clusters that `id` may exchange light with, ascending, and how that was found.
+    pub fn visible(&self, id: ClusterId) -> Result<(Vec<ClusterId>, VisibilityHead)> {
+        let Some(list) = self.snapshot.extent(ExtentKind::Visibility, id)? else {
+            return Err(Error::StageMissing {
+                message: format!("cluster {id} has no visibility list"),
+                help: format!("run `clerestory visibility {}` first", self.snapshot.store().dir().display()),
+            });
+        };
+        let view = list.parse(VisibilityView::parse)?;
+        Ok((view.clusters.iter().map(|c| ClusterId(c.cluster)).collect(), *view.head))
+    }
+
+    /// Clusters remembered now, with the version: what a schedule may count on.
+    #[must_use]
+    pub fn remembered(&self) -> Vec<(ClusterId, u64)> {
+        let version = self.snapshot.version();
+        let mut ids: Vec<_> = self.clusters.borrow().iter().map(|(id, _)| (ClusterId(*id), version)).collect();
+        ids.sort_unstable();
+        ids
+    }
+}
+
+impl Clusters for WorkingSet<'_> {
+    fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>> {
+        Ok(self.mapped(id)?)
+    }
+}
