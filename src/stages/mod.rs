@@ -1,1 +1,3 @@
-//! (to be written)
+//! One file per verb: each plans, then executes; here alone the store meets the pure rooms.
+
+pub mod merge;
