@@ -163,7 +163,6 @@ CREATE TABLE cluster_links (
 CREATE TABLE workers (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
     pid INTEGER NOT NULL,
-    host TEXT NOT NULL,
     segment INTEGER NOT NULL, -- locked for as long as the worker lives
     since REAL NOT NULL
 ) STRICT;
@@ -174,6 +173,8 @@ CREATE TABLE residency (
     version INTEGER NOT NULL,
     PRIMARY KEY (worker, cluster)
 ) STRICT, WITHOUT ROWID;
+
+CREATE INDEX residency_by_cluster ON residency (cluster, worker);
 
 CREATE TABLE tasks (
     id INTEGER PRIMARY KEY AUTOINCREMENT,

@@ -8,8 +8,10 @@ pub mod geometry;
 pub mod layout;
 pub mod light;
 pub mod links;
+pub mod order;
 pub mod origin;
 pub mod rays;
+pub mod report;
 pub mod visibility;
 
 pub use layout::{Arrays, ExtentKind};

@@ -1,10 +1,12 @@
-//! One file per verb; joins the pure rooms with store and formats. Every stage plans, then executes.
+//! One file per verb: each plans, then executes; here alone the store meets the pure rooms.
 
 pub mod group_links;
 pub mod group_solver;
+pub mod merge;
 pub mod partition;
 pub mod point_light;
 pub mod sample;
+pub mod solve_group;
 pub mod tolerances;
 pub mod visibility;
 pub mod working_set;

@@ -35,8 +35,7 @@ pub struct Summary {
 }
 
 /// Header of the result.
-pub const HEADER: &str =
-    "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
+pub const HEADER: &str = "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
 
 /// Share of the model's typical irradiance that a source's unresolved light may make up at a point.
 const SOURCE_SHARE: f64 = 0.02;
@@ -52,11 +51,8 @@ pub fn execute(
     let version = options.version.map_or_else(|| store.newest_iteration_end(), Ok)?;
     let set = WorkingSet::open(store, version)?;
     let facts = store.facts()?;
-    let (top, file) = store
-        .ray_top()?
-        .ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
-    let scene =
-        RayScene::new(top.parse(TopRaysView::parse)?, &file, facts.snap_m).map_err(|e| top.damage(e))?;
+    let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
+    let scene = RayScene::new(top.parse(TopRaysView::parse)?, &file, facts.snap_m).map_err(|e| top.damage(e))?;
     let snap_m = options.snap_m.unwrap_or(1e-5 * facts.diagonal_m());
     let mut light = PointLight::new(&set, scene, SOURCE_SHARE * tolerances::typical_irradiance(&facts));
     let mut summary = Summary::default();

@@ -72,4 +72,17 @@ impl Store {
             self.connection().prepare_cached("SELECT max(id) FROM solution_versions WHERE is_iteration_end = 1")?;
         Ok(query.query_row([], |r| r.get(0))?)
     }
+
+    /// Ends of iterations of a branch, its start not counted.
+    pub fn iterations_ended(&self, branch: u64) -> Result<u64> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT count(*) FROM solution_versions WHERE branch = ?1 AND is_iteration_end = 1 AND iteration > 0",
+        )?;
+        Ok(query.query_row([branch], |r| r.get(0))?)
+    }
+
+    /// Number of groups; 0 before partition.
+    pub fn group_count(&self) -> Result<u64> {
+        Ok(self.connection().query_row("SELECT count(*) FROM groups", [], |r| r.get(0))?)
+    }
 }

@@ -5,13 +5,19 @@ use std::time::Duration;
 
 use bytemuck::Zeroable;
 
-use super::{ClusterRow, ExtentRef, IngestTx, ModelFacts, SegmentWriter, Stage, StageRecord, Store};
+use super::partition_rows::GroupRow;
+use super::{
+    ClusterRow, ExtentRef, IngestTx, Lease, ModelFacts, Offer, SegmentWriter, SolveSettings, Stage, StageRecord, Store,
+    UpdateRow, Worker,
+};
 use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::model::ExtentKind;
 use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SideMaterial, TreeNode};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
+use crate::model::order::UpdateOrder;
 use crate::model::rays::{ClusterRef, RayNode, RayPatch, TOP};
+use crate::model::report::TaskReport;
 
 /// A radiosity payload of a one-patch cluster on whose front `irradiance` arrives.
 pub fn light(cluster: u32, irradiance: f32) -> Vec<u8> {
@@ -129,4 +135,54 @@ fn facts(clusters: u32, rays_top: ExtentRef) -> ModelFacts {
         max_reflectance: 0.5,
         rays_top,
     }
+}
+
+/// Puts clusters `i` into groups `i % groups`.
+pub fn partition(store: &Store, groups: u32) {
+    let ingest = store.stage(Stage::Ingest).unwrap().unwrap();
+    let visibility = record(Stage::Visibility, ingest.chain_hash());
+    store.finish_stage(&visibility).unwrap();
+    let ids: Vec<ClusterId> = super::Snapshot::at(store, 0).unwrap().clusters().map(|c| c.unwrap().id).collect();
+    let rows: Vec<GroupRow> = (0..groups)
+        .map(|id| GroupRow {
+            id,
+            clusters: ids.iter().filter(|c| c.0 % groups == id).count() as u64,
+            patches: 1,
+            predicted_cost: f64::from(id),
+            working_set_bytes: 1000,
+            intra_group_share: 0.5,
+        })
+        .collect();
+    let partition = record(Stage::Partition, visibility.chain_hash());
+    store.publish_partition(&partition, &rows, &mut ids.into_iter().map(|c| (c, c.0 % groups))).unwrap();
+}
+
+/// Settings to solve with.
+pub fn settings(order: UpdateOrder) -> SolveSettings {
+    SolveSettings { options_hash: "standard".to_owned(), options: "{}".to_owned(), tolerance: 0.02, order }
+}
+
+/// Solves a leased group: `irradiance` arrives on the front of each of its clusters.
+pub fn solve(store: &Store, lease: &Lease, worker: &mut Worker<'_>, irradiance: f32) -> bool {
+    let mut rows = Vec::new();
+    for cluster in store.clusters_of(lease.group).unwrap() {
+        let at = worker.segment.append(ExtentKind::Radiosity, cluster.0, &light(cluster.0, irradiance)).unwrap();
+        rows.push(UpdateRow { cluster, kind: ExtentKind::Radiosity, delta: false, at });
+    }
+    let report = TaskReport { complete: true, q_max: 0.5, emitted_w: [1.0; 3], ..TaskReport::default() };
+    store.publish(lease, worker, &rows, &report).unwrap()
+}
+
+/// Solves every free group of the iteration under way.
+pub fn solve_all(store: &Store, order: UpdateOrder, irradiance: f32) {
+    let mut worker = Worker::start(store).unwrap();
+    let iteration = store.open_iteration(None, &settings(order)).unwrap();
+    while let Some(lease) = store.claim(&iteration, &worker, &mut first).unwrap() {
+        assert!(solve(store, &lease, &mut worker, irradiance));
+    }
+}
+
+/// Chooses the costliest group.
+pub fn first(offer: &Offer) -> Option<u32> {
+    offer.free.first().map(|f| f.group)
 }

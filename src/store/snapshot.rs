@@ -277,7 +277,7 @@ impl Iterator for Clusters<'_> {
 mod tests {
     use super::*;
     use crate::model::light::LightView;
-    use crate::model::rays::TopRaysView;
+    use crate::model::rays::{RayNode, TopRaysView};
     use crate::store::fixture;
 
     #[test]
@@ -294,7 +294,9 @@ mod tests {
         assert!(snapshot.links(ClusterId(7)).unwrap().is_empty());
         let (top, file) = store.ray_top().unwrap().unwrap();
         let top = top.parse(TopRaysView::parse).unwrap();
-        assert!(crate::rays::RayScene::new(top, &file, 1e-5).is_ok());
+        let at = top.clusters[7].nodes_at as usize;
+        let node: RayNode = bytemuck::pod_read_unaligned(&file[at..at + size_of::<RayNode>()]);
+        assert_eq!(node.min_m, [0.0, 0.0, 7.0], "places are those of the whole file");
         assert_eq!(store.facts().unwrap().diagonal_m(), (2.0f64 + 1500.0 * 1500.0).sqrt());
         assert_eq!(Snapshot::at(&store, 5).err().unwrap().exit_code(), 2);
     }

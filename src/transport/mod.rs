@@ -14,6 +14,7 @@ pub mod push_pull;
 pub mod records;
 pub mod refine;
 pub mod relax;
+pub mod residual;
 pub mod sight;
 pub mod source;
 

@@ -1,0 +1,71 @@
+//! What a task reports of its work: summed by merge, in the order of the groups.
+
+use bincode::{Decode, Encode};
+
+/// Figures of one group's visit.
+#[derive(Clone, Debug, Default, PartialEq, Encode, Decode)]
+pub struct TaskReport {
+    /// Power that the group's sides emit, W.
+    pub emitted_w: [f64; 3],
+    /// Power that they absorb, W.
+    pub absorbed_w: [f64; 3],
+    /// Power that leaves the model from them over escape links, W.
+    pub escaped_w: [f64; 3],
+    /// Links whose form factor was computed.
+    pub links_evaluated: u64,
+    /// Links in the group's rows now.
+    pub links_stored: u64,
+    /// Links read back from the store.
+    pub links_reused: u64,
+    /// Rays cast.
+    pub rays: u64,
+    /// Elements of the group's clusters, inner ones too.
+    pub elements: u64,
+    /// Sum over lit leaves of area times the part of the row that nothing is linked to, m2.
+    pub unlinked_area_m2: f64,
+    /// Area of lit leaves, m2.
+    pub lit_area_m2: f64,
+    /// Whether every link meets the oracle against all sources (not so in the first iteration,
+    /// which gathers from the lights only).
+    pub complete: bool,
+    /// Gathers within the group until it converged.
+    pub inner_sweeps: u32,
+    /// Largest row sum of reflectance times form factor.
+    pub q_max: f64,
+    /// Largest anonymous memory of the process, bytes.
+    pub peak_anon_bytes: u64,
+    /// Processor time, s.
+    pub cpu_s: f64,
+    /// Bytes read from the store.
+    pub bytes_read: u64,
+    /// Bytes written to the store.
+    pub bytes_written: u64,
+}
+
+impl TaskReport {
+    /// As stored: bincode, fixed-size integers.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        bincode::encode_to_vec(self, bincode::config::legacy()).expect("plain numbers always encode")
+    }
+
+    /// From stored bytes; what is wrong with them otherwise.
+    pub fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let (report, used): (Self, usize) =
+            bincode::decode_from_slice(bytes, bincode::config::legacy()).map_err(|e| e.to_string())?;
+        if used == bytes.len() { Ok(report) } else { Err("bytes behind the end of a report".to_owned()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_comes_back_and_a_cut_off_one_does_not() {
+        let report = TaskReport { rays: 7, complete: true, cpu_s: 0.5, ..TaskReport::default() };
+        let bytes = report.encode();
+        assert_eq!(TaskReport::decode(&bytes).unwrap(), report);
+        assert!(TaskReport::decode(&bytes[1..]).is_err());
+    }
+}

@@ -1,0 +1,388 @@
+//! `merge`: finished updates become solution versions; says whether the branch converged.
+//!
+//! Jacobi publishes once per iteration; replace and sequential make a version of each update. The
+//! figures of an iteration (residual, contraction, energy) are taken at its end, cluster by cluster.
+
+use serde::Serialize;
+
+use crate::base::{Error, Progress, Result};
+use crate::model::Arrays;
+use crate::model::ExtentKind;
+use crate::model::geometry::{GeometryView, SideMaterial};
+use crate::model::light::LightView;
+use crate::model::order::UpdateOrder;
+use crate::model::report::TaskReport;
+use crate::store::branches::VersionRow;
+use crate::store::merging::{TaskRow, TaskState, VersionFigures};
+use crate::store::{Snapshot, Stage, Store};
+use crate::transport::residual::{self, Change};
+
+/// `merge` takes tolerance and order from the tasks.
+#[derive(Clone, Debug, Default)]
+pub struct Options {}
+
+/// Which updates become versions.
+pub struct Plan {
+    /// Newest version of the branch.
+    base: VersionRow,
+    /// All tasks of the iteration, by group; empty if there is nothing to merge.
+    tasks: Vec<TaskRow>,
+    tolerance: f64,
+}
+
+/// What `merge` did.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Newest version.
+    pub version: u64,
+    /// Its branch.
+    pub branch: u64,
+    /// Iterations of the branch that have ended.
+    pub iterations: u64,
+    /// Updates merged now.
+    pub updates: u64,
+    /// Whether the branch converged.
+    pub converged: bool,
+    /// Change of irradiance between the last two ends of iterations.
+    pub residual: Option<f64>,
+    /// Factor by which the error falls per iteration.
+    pub contraction: Option<f64>,
+    /// Relative error left by stopping here.
+    pub predicted_error: Option<f64>,
+    /// Estimated error of the answer; known once sources and receivers are bounded together.
+    pub estimated_nrms: Option<f64>,
+    /// Groups.
+    pub groups: u64,
+    /// Elements.
+    pub elements: Option<u64>,
+    /// Links evaluated in the last iteration.
+    pub links_evaluated: Option<u64>,
+    /// Links stored.
+    pub links_stored: Option<u64>,
+    /// Links read back in the last iteration.
+    pub links_reused: Option<u64>,
+    /// Rays cast in the last iteration.
+    pub rays: Option<u64>,
+    /// Share of the lit rows that nothing is linked to.
+    pub unlinked_mean: Option<f64>,
+    /// Power emitted, W.
+    pub emitted_w: Option<[f64; 3]>,
+    /// Power absorbed, W.
+    pub absorbed_w: Option<[f64; 3]>,
+    /// Power that left the model, W.
+    pub escaped_w: Option<[f64; 3]>,
+    /// Largest channel of |emitted - absorbed - escaped| / emitted.
+    pub energy_balance: Option<f64>,
+    /// The command to type next.
+    pub next: Option<String>,
+}
+
+fn names(groups: &[u32]) -> String {
+    const SHOWN: usize = 10;
+    let shown: Vec<String> = groups.iter().take(SHOWN).map(ToString::to_string).collect();
+    let more = groups.len().saturating_sub(SHOWN);
+    if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+}
+
+/// Finds what can be merged; exit code 13 names groups that are missing or do not fit.
+pub fn plan(store: &Store, _options: &Options) -> Result<Plan> {
+    store.newest_version()?;
+    let branch = store.branch()?.ok_or_else(|| Error::NoStore { store: store.dir().to_path_buf() })?;
+    let base = store.newest_of_branch(branch.id)?;
+    let dir = store.dir().display();
+    let refuse = |message: String| Error::StageMissing {
+        message: format!("{dir}: {message}"),
+        help: format!("run `clerestory solve-group {dir} --until-done`, then merge again"),
+    };
+    let stray = store.stray_updates(branch.id)?;
+    if let Some((other, _)) = stray.first() {
+        let groups: Vec<u32> = stray.iter().map(|(_, group)| *group).collect();
+        return Err(refuse(format!(
+            "updates of branch {other} wait, but the newest is {}: groups {}",
+            branch.id,
+            names(&groups)
+        )));
+    }
+    let tasks = match store.iteration_under_way(branch.id)? {
+        Some(iteration) => store.tasks(branch.id, iteration)?,
+        None => Vec::new(),
+    };
+    let partition = store.require_stage(Stage::Partition).map(|record| record.chain_hash());
+    let groups_where =
+        |wrong: &dyn Fn(&TaskRow) -> bool| -> Vec<u32> { tasks.iter().filter(|t| wrong(t)).map(|t| t.group).collect() };
+    let done = groups_where(&|t| t.state == TaskState::Done);
+    if done.is_empty() {
+        return Ok(Plan { base, tasks: Vec::new(), tolerance: 0.0 });
+    }
+    let partition = partition?;
+    let is_jacobi = |t: &TaskRow| t.order == UpdateOrder::Jacobi;
+    let unfit = [
+        ("another partition", groups_where(&|t| t.state == TaskState::Done && t.partition_hash != partition)),
+        (
+            "other options",
+            groups_where(&|t| t.state == TaskState::Done && Some(&t.options_hash) != branch.options_hash.as_ref()),
+        ),
+        (
+            "another base version",
+            groups_where(&|t| is_jacobi(t) && t.state == TaskState::Done && t.base_version != base.id),
+        ),
+    ];
+    for (what, groups) in unfit {
+        if !groups.is_empty() {
+            return Err(refuse(format!("updates made with {what}: groups {}", names(&groups))));
+        }
+    }
+    let missing =
+        groups_where(&|t| is_jacobi(t) && matches!(t.state, TaskState::Free | TaskState::Running | TaskState::Failed));
+    if !missing.is_empty() {
+        let iteration = tasks[0].iteration;
+        return Err(refuse(format!("iteration {iteration} lacks groups {}", names(&missing))));
+    }
+    Ok(Plan { base, tasks, tolerance: branch.tolerance.unwrap_or(0.0) })
+}
+
+/// Publishes the versions.
+pub fn execute(store: &Store, plan: Plan, progress: &dyn Progress) -> Result<Summary> {
+    let Plan { mut base, mut tasks, tolerance } = plan;
+    let jacobi = tasks.first().is_some_and(|t| t.order == UpdateOrder::Jacobi);
+    let mut updates = 0;
+    loop {
+        let done: Vec<usize> = (0..tasks.len()).filter(|&i| tasks[i].state == TaskState::Done).collect();
+        let batch: Vec<usize> = done.into_iter().take(if jacobi { usize::MAX } else { 1 }).collect();
+        if batch.is_empty() {
+            break;
+        }
+        let rest_is_merged = (0..tasks.len()).all(|i| batch.contains(&i) || tasks[i].state == TaskState::Merged);
+        let now: Vec<TaskRow> = batch.iter().map(|&i| tasks[i].clone()).collect();
+        let figures = rest_is_merged.then(|| figures(store, &base, &tasks, &now, tolerance, progress)).transpose()?;
+        let Some(version) = store.merge(&base, &now, figures.as_ref())? else { break };
+        updates += now.len() as u64;
+        for i in batch {
+            tasks[i].state = TaskState::Merged;
+        }
+        base = VersionRow { id: version, ..base };
+    }
+    summarise(store, updates)
+}
+
+/// Where things stand, as `merge` and `run` report it.
+pub fn summarise(store: &Store, updates: u64) -> Result<Summary> {
+    let end = store.newest_iteration_end()?;
+    let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), "the newest version is missing"))?;
+    let f = store.version_figures(end)?;
+    let branch = store.branch()?.map_or(row.branch, |b| b.id);
+    let dir = store.dir().display();
+    let next = if row.converged && row.branch == branch {
+        format!("clerestory render {dir} -o picture.png")
+    } else {
+        format!("clerestory solve-group {dir} --until-done")
+    };
+    Ok(Summary {
+        version: store.newest_version()?,
+        branch,
+        iterations: store.iterations_ended(branch)?,
+        updates,
+        converged: row.converged && row.branch == branch,
+        residual: row.residual,
+        contraction: row.contraction,
+        predicted_error: row.predicted_error,
+        estimated_nrms: None,
+        groups: store.group_count()?,
+        elements: f.as_ref().map(|f| f.elements),
+        links_evaluated: f.as_ref().map(|f| f.links_evaluated),
+        links_stored: f.as_ref().map(|f| f.links_stored),
+        links_reused: f.as_ref().map(|f| f.links_reused),
+        rays: f.as_ref().map(|f| f.rays),
+        unlinked_mean: f.as_ref().map(|f| f.unlinked_mean),
+        emitted_w: f.as_ref().map(|f| f.emitted_w),
+        absorbed_w: f.as_ref().map(|f| f.absorbed_w),
+        escaped_w: f.as_ref().map(|f| f.escaped_w),
+        energy_balance: f.as_ref().map(|f| f.energy_balance),
+        next: Some(next),
+    })
+}
+
+/// Figures of the iteration that ends with the updates `now` on top of `base`.
+fn figures(
+    store: &Store,
+    base: &VersionRow,
+    tasks: &[TaskRow],
+    now: &[TaskRow],
+    tolerance: f64,
+    progress: &dyn Progress,
+) -> Result<VersionFigures> {
+    let reports: Vec<&TaskReport> = tasks.iter().filter_map(|t| t.report.as_ref()).collect();
+    let q = reports.iter().map(|r| r.q_max).fold(0.0, f64::max);
+    let residual = change(store, base, now, progress)?.residual();
+    let mut residuals = vec![residual];
+    residuals.extend(store.residuals(tasks[0].branch, 2)?);
+    let contraction = residual::contraction(&residuals, q);
+    let predicted_error = residual::predicted_error(residual, contraction);
+    let complete = reports.len() == tasks.len() && reports.iter().all(|r| r.complete);
+    let sum = |part: fn(&TaskReport) -> [f64; 3]| {
+        reports.iter().fold([0.0; 3], |sum: [f64; 3], r| std::array::from_fn(|i| sum[i] + part(r)[i]))
+    };
+    let (emitted_w, absorbed_w, escaped_w) = (sum(|r| r.emitted_w), sum(|r| r.absorbed_w), sum(|r| r.escaped_w));
+    let count = |part: fn(&TaskReport) -> u64| reports.iter().map(|r| part(r)).sum();
+    let lit_area: f64 = reports.iter().map(|r| r.lit_area_m2).sum();
+    let unlinked_area: f64 = reports.iter().map(|r| r.unlinked_area_m2).sum();
+    Ok(VersionFigures {
+        converged: complete && predicted_error <= tolerance / 10.0,
+        tolerance,
+        residual,
+        contraction,
+        predicted_error,
+        emitted_w,
+        absorbed_w,
+        escaped_w,
+        energy_balance: energy_balance(emitted_w, absorbed_w, escaped_w),
+        elements: count(|r| r.elements),
+        links_evaluated: count(|r| r.links_evaluated),
+        links_stored: count(|r| r.links_stored),
+        links_reused: count(|r| r.links_reused),
+        rays: count(|r| r.rays),
+        unlinked_mean: if lit_area > 0.0 { unlinked_area / lit_area } else { 0.0 },
+    })
+}
+
+/// Largest channel of |emitted - absorbed - escaped| / emitted; 0 where nothing is emitted.
+fn energy_balance(emitted: [f64; 3], absorbed: [f64; 3], escaped: [f64; 3]) -> f64 {
+    (0..3)
+        .filter(|&i| emitted[i] > 0.0)
+        .map(|i| (emitted[i] - absorbed[i] - escaped[i]).abs() / emitted[i])
+        .fold(0.0, f64::max)
+}
+
+/// The change since the last end of an iteration, over all clusters in order.
+fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Progress) -> Result<Change> {
+    let old = Snapshot::at(store, store.iteration_end_before(base.id)?)?;
+    let new = Snapshot::at(store, base.id)?;
+    let total = store.facts()?.clusters;
+    progress.begin("compare", "clusters", Some(total));
+    let mut sum = Change::default();
+    for (done, cluster) in new.clusters().enumerate() {
+        let cluster = cluster?;
+        let task = cluster.group.and_then(|g| now.binary_search_by_key(&g, |t| t.group).ok()).map(|i| now[i].id);
+        let place = task.map(|task| store.updated_light(task, cluster.id)).transpose()?.flatten();
+        let after = match place {
+            Some(at) => store.extent(at, ExtentKind::Radiosity)?,
+            None => new.need(ExtentKind::Radiosity, cluster.id)?,
+        };
+        let before = old.need(ExtentKind::Radiosity, cluster.id)?;
+        let geometry = new.need(ExtentKind::Geometry, cluster.id)?;
+        let materials = new.need(ExtentKind::Materials, cluster.id)?;
+        let sides = materials.parse(|payload| Arrays::new(payload).get::<SideMaterial>(0))?;
+        let view = geometry.parse(GeometryView::parse)?;
+        if sides.len() != 2 * view.patches.len() {
+            return Err(materials.damage("not two materials per patch"));
+        }
+        let part =
+            residual::of_cluster(&view, sides, &before.parse(LightView::parse)?, &after.parse(LightView::parse)?);
+        sum = sum.plus(part);
+        progress.at(done as u64 + 1);
+        if progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+    }
+    Ok(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{ClusterId, Quiet};
+    use crate::store::{Worker, fixture};
+
+    fn merge(store: &Store) -> Result<Summary> {
+        execute(store, plan(store, &Options {})?, &Quiet)
+    }
+
+    fn arrives(store: &Store, version: u64, cluster: u32) -> f32 {
+        let extent = Snapshot::at(store, version).unwrap().need(ExtentKind::Radiosity, ClusterId(cluster)).unwrap();
+        extent.parse(LightView::parse).unwrap().elements[0].irradiance[0]
+    }
+
+    #[test]
+    fn jacobi_waits_for_every_group_and_then_makes_one_version() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 6);
+        fixture::partition(&store, 3);
+        assert_eq!(merge(&store).unwrap().version, 0, "nothing new");
+        let iteration = store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap();
+        let mut worker = Worker::start(&store).unwrap();
+        let lease = store.claim(&iteration, &worker, &mut fixture::first).unwrap().unwrap();
+        assert!(fixture::solve(&store, &lease, &mut worker, 4.0));
+        let error = merge(&store).err().unwrap();
+        assert!(error.exit_code() == 13 && error.to_string().contains("groups 0, 1"), "{error}");
+        fixture::solve_all(&store, UpdateOrder::Jacobi, 4.0);
+        let summary = merge(&store).unwrap();
+        assert_eq!((summary.version, summary.iterations, summary.updates), (1, 1, 3));
+        assert_eq!(summary.residual, Some(1.0), "from dark to lit");
+        assert_eq!(summary.emitted_w, Some([3.0; 3]));
+        assert_eq!((arrives(&store, 1, 5), arrives(&store, 0, 5)), (4.0, 0.0));
+        assert_eq!(merge(&store).unwrap().version, 1, "nothing new");
+    }
+
+    #[test]
+    fn a_cluster_whose_light_did_not_change_gets_no_row_and_the_branch_converges() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 6);
+        fixture::partition(&store, 3);
+        for (irradiance, version, converged) in [(4.0, 1, false), (4.4, 2, false), (4.4, 3, true)] {
+            fixture::solve_all(&store, UpdateOrder::Jacobi, irradiance);
+            let summary = merge(&store).unwrap();
+            assert_eq!((summary.version, summary.converged), (version, converged));
+        }
+        // The change from 4 to 4.4 is 1/11 of what arrives; cluster 0 emits and does not count.
+        let residual = store.version(2).unwrap().unwrap().residual.unwrap();
+        assert!((residual - 0.4f64 / 4.4).abs() < 1e-7, "{residual}");
+        assert_eq!(store.version(3).unwrap().unwrap().residual, Some(0.0));
+        let place =
+            |version| Snapshot::at(&store, version).unwrap().place(ExtentKind::Radiosity, ClusterId(5)).unwrap();
+        assert_eq!(place(3), place(2));
+        assert_ne!(place(2), place(1));
+        let settings = fixture::settings(UpdateOrder::Jacobi);
+        assert!(store.open_iteration(None, &settings).unwrap().converged);
+        let again = store.open_iteration(Some(1), &settings).unwrap();
+        assert_eq!((again.branch, again.number, again.newest), (1, 2, 1));
+    }
+
+    #[test]
+    fn replace_makes_a_version_of_each_update_and_sequential_goes_group_by_group() {
+        for order in [UpdateOrder::Replace, UpdateOrder::Sequential] {
+            let dir = tempfile::tempdir().unwrap();
+            let store = fixture::store(dir.path(), 6);
+            fixture::partition(&store, 3);
+            for round in 0..3u64 {
+                let iteration = store.open_iteration(None, &fixture::settings(order)).unwrap();
+                assert_eq!(iteration.number, 1);
+                let mut worker = Worker::start(&store).unwrap();
+                let lease = store.claim(&iteration, &worker, &mut fixture::first).unwrap().unwrap();
+                assert_eq!(lease.base_version, round, "reads what was merged before");
+                if order == UpdateOrder::Sequential {
+                    assert_eq!(u64::from(lease.group), round);
+                    assert_eq!(store.claim(&iteration, &worker, &mut fixture::first).unwrap(), None);
+                }
+                assert!(fixture::solve(&store, &lease, &mut worker, 4.0));
+                let summary = merge(&store).unwrap();
+                assert_eq!((summary.version, summary.iterations), (round + 1, u64::from(round == 2)));
+            }
+            assert_eq!(store.version_figures(3).unwrap().unwrap().residual, 1.0, "against version 0");
+            assert!(store.version_figures(2).unwrap().is_none());
+            assert_eq!(arrives(&store, 3, 4), 4.0);
+        }
+    }
+
+    #[test]
+    fn updates_of_another_partition_or_options_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 4);
+        fixture::partition(&store, 2);
+        fixture::solve_all(&store, UpdateOrder::Jacobi, 4.0);
+        let mut partition = store.stage(Stage::Partition).unwrap().unwrap();
+        partition.options_hash = "other".to_owned();
+        store.finish_stage(&partition).unwrap();
+        let error = merge(&store).err().unwrap();
+        assert!(error.exit_code() == 13 && error.to_string().contains("another partition: groups 0, 1"), "{error}");
+    }
+}

@@ -1,0 +1,305 @@
+//! `solve-group`: solves one group, the next free one, or goes on while one is free (a worker).
+
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::group_solver::{GroupSolver, Settings};
+use super::tolerances;
+use super::working_set::WorkingSet;
+use crate::base::{Error, Progress, Result};
+use crate::model::order::UpdateOrder;
+use crate::model::rays::TopRaysView;
+use crate::model::report::TaskReport;
+use crate::partition::schedule::{self, Candidate, Policy};
+use crate::rays::RayScene;
+use crate::store::iterations::{Iteration, SolveSettings};
+use crate::store::stage_rows::hash;
+use crate::store::tasks::{GroupClaim, Lease, Offer};
+use crate::store::workers::Worker;
+use crate::store::{ModelFacts, Stage, Store};
+use crate::transport::refine::Scope;
+use crate::transport::relax::Inner;
+
+/// Which groups to solve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Which {
+    /// This one.
+    Group(u32),
+    /// The next free one.
+    Next,
+    /// One after the other while one is free.
+    UntilDone,
+}
+
+/// `--inner`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InnerOption {
+    /// So many gathers per visit.
+    Gathers(u32),
+    /// Until converged.
+    Converge,
+}
+
+/// How to solve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Which groups.
+    pub which: Which,
+    /// `--version`: go on from there.
+    pub version: Option<u64>,
+    /// `--tolerance`.
+    pub tolerance: f64,
+    /// `--min-element`, m; from the tolerance if none.
+    pub min_element_m: Option<f64>,
+    /// `--inner`.
+    pub inner: InnerOption,
+    /// `--links keep`.
+    pub keep_links: bool,
+    /// `--link-cache`, bytes; never changes the result.
+    pub link_cache_bytes: u64,
+    /// `--order`.
+    pub order: UpdateOrder,
+    /// `--schedule`.
+    pub schedule: Policy,
+    /// `--seed`.
+    pub seed: u64,
+    /// `--memory`, bytes; never changes the result.
+    pub memory_bytes: u64,
+}
+
+impl Options {
+    /// What shapes the solution, as JSON: tasks of other settings are another branch's.
+    #[must_use]
+    pub fn shaping(&self) -> String {
+        let inner = match self.inner {
+            InnerOption::Gathers(n) => n.to_string(),
+            InnerOption::Converge => "\"converge\"".to_owned(),
+        };
+        let min_element = self.min_element_m.map_or("null".to_owned(), |m| m.to_string());
+        let links = if self.keep_links { "keep" } else { "discard" };
+        format!(
+            "{{\"tolerance\":{},\"min_element_m\":{min_element},\"inner\":{inner},\"links\":\"{links}\",\"seed\":{}}}",
+            self.tolerance, self.seed
+        )
+    }
+
+    /// For the store.
+    #[must_use]
+    pub fn settings(&self) -> SolveSettings {
+        let options = self.shaping();
+        SolveSettings {
+            options_hash: hash([options.as_bytes()]),
+            options,
+            tolerance: self.tolerance,
+            order: self.order,
+        }
+    }
+}
+
+/// What is going to be done.
+pub struct Plan<'s> {
+    store: &'s Store,
+    options: Options,
+    facts: ModelFacts,
+    /// Groups of the partition.
+    pub groups: u64,
+    /// Smallest element edge, m.
+    pub min_element_m: f64,
+}
+
+/// What was done.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Summary {
+    /// The last group solved; none if nothing was free.
+    pub group: Option<u32>,
+    /// Groups solved by this call.
+    pub groups_solved: u64,
+    /// Whether the branch had converged already.
+    pub converged: bool,
+    /// The branch.
+    pub branch: u64,
+    /// The iteration.
+    pub iteration: u64,
+    /// Elements of the groups solved.
+    pub elements: u64,
+    /// Links whose form factor was computed.
+    pub links_evaluated: u64,
+    /// Links in the groups' rows.
+    pub links_stored: u64,
+    /// Links used again.
+    pub links_reused: u64,
+    /// Rays cast.
+    pub rays: u64,
+}
+
+/// Bytes that a task needs whatever the group: code, caches of places, SQLite.
+const BASE_BYTES: u64 = 32 << 20;
+
+/// Checks that there are groups and that the work fits in memory.
+pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
+    store.require_stage(Stage::Partition)?;
+    let facts = store.facts()?;
+    let groups = store.groups()?.len() as u64;
+    if let Which::Group(group) = options.which
+        && u64::from(group) >= groups
+    {
+        return Err(Error::Usage {
+            message: format!("{}: there is no group {group} among {groups}", store.dir().display()),
+            help: format!("give a number below {groups}, or `--next`"),
+        });
+    }
+    let needed = BASE_BYTES + options.link_cache_bytes;
+    if needed > options.memory_bytes {
+        return Err(Error::TooLarge {
+            message: format!(
+                "solving needs {} MiB, over the limit of {} MiB",
+                needed >> 20,
+                options.memory_bytes >> 20
+            ),
+            help: format!("give `--memory {}M`, or a smaller `--link-cache`", (needed >> 20) + 1),
+        });
+    }
+    let min_element_m = tolerances::of(&facts, options.tolerance, options.min_element_m).min_element_m;
+    Ok(Plan { store, options: options.clone(), facts, groups, min_element_m })
+}
+
+/// Solves.
+pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dyn Progress) -> Result<Summary> {
+    let (store, options) = (plan.store, &plan.options);
+    let iteration = store.open_iteration(options.version, &options.settings())?;
+    let mut summary = Summary {
+        converged: iteration.converged,
+        branch: iteration.branch,
+        iteration: iteration.number,
+        ..Summary::default()
+    };
+    if iteration.converged {
+        return Ok(summary);
+    }
+    let mut worker = Worker::start(store)?;
+    // Groups of one base version share what is mapped.
+    let mut set: Option<WorkingSet<'_>> = None;
+    loop {
+        let Some(lease) = claim(plan, &iteration, &worker)? else { return Ok(summary) };
+        if set.as_ref().is_none_or(|s| s.snapshot().version() != lease.base_version) {
+            set = Some(WorkingSet::open(store, lease.base_version)?);
+        }
+        let current = set.as_ref().expect("just opened");
+        match solve(plan, current, &lease, &mut worker, resources, progress) {
+            Ok(Some(report)) => {
+                summary.group = Some(lease.group);
+                summary.groups_solved += 1;
+                summary.elements += report.elements;
+                summary.links_evaluated += report.links_evaluated;
+                summary.links_stored += report.links_stored;
+                summary.links_reused += report.links_reused;
+                summary.rays += report.rays;
+                worker.holds(&current.remembered())?;
+            }
+            Ok(None) => progress.warn(&format!("group {} was solved by another process meanwhile", lease.group)),
+            Err(error) => {
+                store.give_back(&lease, &worker)?;
+                return Err(error);
+            }
+        }
+        if options.which != Which::UntilDone {
+            return Ok(summary);
+        }
+    }
+}
+
+/// What the process has used so far; measured by the caller, which may look at clocks.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Resources {
+    /// Largest anonymous memory so far, bytes.
+    pub peak_anon_bytes: u64,
+    /// Processor time, s.
+    pub cpu_s: f64,
+    /// Bytes read.
+    pub bytes_read: u64,
+    /// Bytes written.
+    pub bytes_written: u64,
+}
+
+fn claim(plan: &Plan<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<Option<Lease>> {
+    let Which::Group(group) = plan.options.which else {
+        return plan.store.claim(iteration, worker, &mut |offer| choose(plan.options.schedule, offer));
+    };
+    let started = Instant::now();
+    loop {
+        match plan.store.claim_group(iteration, worker, group)? {
+            GroupClaim::Granted(lease) => return Ok(Some(lease)),
+            GroupClaim::Done => return Ok(None),
+            GroupClaim::Held { pid } if started.elapsed() >= plan.store.wait() => {
+                return Err(Error::Busy {
+                    store: plan.store.dir().to_path_buf(),
+                    holder: pid.map_or("a group that comes before".to_owned(), |pid| format!("process {pid}")),
+                });
+            }
+            GroupClaim::Held { .. } => std::thread::sleep(Duration::from_millis(50)),
+            GroupClaim::Failed => {
+                return Err(Error::failed(
+                    format!("group {group} has failed: its workers died again and again"),
+                    "rerun `clerestory run`, which tries it anew, or give more memory",
+                ));
+            }
+            GroupClaim::Unknown => {
+                return Err(Error::Usage {
+                    message: format!("there is no group {group}"),
+                    help: "see `clerestory status` for the groups".to_owned(),
+                });
+            }
+        }
+    }
+}
+
+fn choose(policy: Policy, offer: &Offer) -> Option<u32> {
+    let candidates: Vec<Candidate> = offer
+        .free
+        .iter()
+        .map(|f| Candidate { group: f.group, cost: f.cost, held_here: f.held_here, held_elsewhere: f.held_elsewhere })
+        .collect();
+    schedule::choose(policy, &candidates, offer.taken, &offer.by_cost)
+}
+
+fn solve(
+    plan: &Plan<'_>,
+    set: &WorkingSet<'_>,
+    lease: &Lease,
+    worker: &mut Worker<'_>,
+    resources: &dyn Fn() -> Resources,
+    progress: &dyn Progress,
+) -> Result<Option<TaskReport>> {
+    let (store, options) = (plan.store, &plan.options);
+    let base = store
+        .version(lease.base_version)?
+        .ok_or_else(|| Error::damaged(store.dir(), format!("no version {}", lease.base_version)))?;
+    let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
+    let scene = RayScene::new(top.parse(TopRaysView::parse)?, &file, plan.facts.snap_m).map_err(|e| top.damage(e))?;
+    let inner = match options.inner {
+        InnerOption::Gathers(count) => Inner::Gathers(count),
+        InnerOption::Converge => {
+            Inner::Converge { tolerance: options.tolerance / 100.0, q: plan.facts.max_reflectance }
+        }
+    };
+    let settings = Settings {
+        tolerances: tolerances::of(&plan.facts, options.tolerance, options.min_element_m),
+        inner,
+        seed: options.seed,
+        scope: if base.iteration == 0 { Scope::Lights } else { Scope::Everything },
+        keep_links: options.keep_links,
+        link_cache_bytes: options.link_cache_bytes,
+    };
+    let clusters = store.clusters_of(lease.group)?;
+    let before = resources();
+    let solver = GroupSolver { set, scene, settings, progress };
+    let mut solved = solver.solve(&clusters, &mut worker.segment)?;
+    let after = resources();
+    solved.report.peak_anon_bytes = after.peak_anon_bytes;
+    solved.report.cpu_s = after.cpu_s - before.cpu_s;
+    solved.report.bytes_read = after.bytes_read - before.bytes_read;
+    solved.report.bytes_written = after.bytes_written - before.bytes_written;
+    let held = store.publish(lease, worker, &solved.rows, &solved.report)?;
+    Ok(held.then_some(solved.report))
+}

@@ -1,0 +1,151 @@
+//! Opening an iteration: the branch it belongs to, and one task per group, in one transaction.
+//! Processes that race to open it get the same one.
+
+use rusqlite::{Connection, OptionalExtension, Transaction, params};
+
+use super::branches::{self, VersionRow};
+use super::{Stage, Store};
+use crate::base::{Error, Result};
+use crate::model::order::UpdateOrder;
+
+/// What a solver brings along.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolveSettings {
+    /// Hash of the options that shape the solution (not order, memory, workers, caches).
+    pub options_hash: String,
+    /// The same options as JSON, for people.
+    pub options: String,
+    /// The error people dial.
+    pub tolerance: f64,
+    /// How updates become versions.
+    pub order: UpdateOrder,
+}
+
+/// The iteration under way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Iteration {
+    /// Its branch.
+    pub branch: u64,
+    /// Its number since emission only, from 1; the last one's if converged.
+    pub number: u64,
+    /// Newest version of the branch, or the version that it starts from.
+    pub newest: u64,
+    /// Whether the branch has converged: then there are no tasks.
+    pub converged: bool,
+}
+
+impl Store {
+    /// Joins the iteration under way, opening branch and tasks where there are none yet. `from`: go
+    /// on from that version rather than from the newest.
+    pub fn open_iteration(&self, from: Option<u64>, settings: &SolveSettings) -> Result<Iteration> {
+        let partition = self.require_stage(Stage::Partition)?.chain_hash();
+        self.write(|tx| {
+            let branch = match from {
+                Some(version) => branch_from(self, tx, version, settings)?,
+                None => newest_branch(tx, settings)?,
+            };
+            let newest = newest_of(tx, branch)?;
+            if newest.converged && newest.branch == branch {
+                return Ok(Iteration { branch, number: newest.iteration, newest: newest.id, converged: true });
+            }
+            let under_way: Option<u64> = tx.query_row(
+                "SELECT max(iteration) FROM tasks WHERE branch = ?1 AND state <> 'merged'",
+                [branch],
+                |r| r.get(0),
+            )?;
+            let number = match under_way {
+                Some(number) => number,
+                None => open_tasks(tx, branch, &newest, &partition, settings)?,
+            };
+            Ok(Iteration { branch, number, newest: newest.id, converged: false })
+        })
+    }
+}
+
+/// Newest version of a branch, or the one that it starts from.
+pub(super) fn newest_of(tx: &Connection, branch: u64) -> Result<VersionRow> {
+    let id: u64 = tx.query_row(
+        "SELECT coalesce((SELECT max(id) FROM solution_versions WHERE branch = ?1),
+                         (SELECT base_version FROM branches WHERE id = ?1))",
+        [branch],
+        |r| r.get(0),
+    )?;
+    let found = branches::version_row(tx, id)?;
+    found.ok_or_else(|| Error::damaged(std::path::Path::new(super::sql::CATALOGUE), format!("no version {id}")))
+}
+
+fn open_tasks(
+    tx: &Transaction<'_>,
+    branch: u64,
+    newest: &VersionRow,
+    partition: &str,
+    settings: &SolveSettings,
+) -> Result<u64> {
+    let last: Option<u64> =
+        tx.query_row("SELECT max(iteration) FROM tasks WHERE branch = ?1", [branch], |r| r.get(0))?;
+    let number = last.unwrap_or(0).max(newest.iteration) + 1;
+    tx.execute(
+        "INSERT INTO tasks (branch, iteration, group_id, update_order, state, base_version, options_hash, partition_hash)
+         SELECT ?1, ?2, id, ?3, 'free', ?4, ?5, ?6 FROM groups ORDER BY id",
+        params![branch, number, settings.order.name(), newest.id, settings.options_hash, partition],
+    )?;
+    Ok(number)
+}
+
+fn newest_branch(tx: &Transaction<'_>, settings: &SolveSettings) -> Result<u64> {
+    let (branch, hash): (u64, Option<String>) =
+        tx.query_row("SELECT id, options_hash FROM branches ORDER BY id DESC LIMIT 1", [], |r| {
+            Ok((r.get(0)?, r.get(1)?))
+        })?;
+    match hash {
+        None => adopt(tx, branch, settings).map(|()| branch),
+        Some(hash) if hash == settings.options_hash => Ok(branch),
+        Some(_) => open_branch(tx, newest_of(tx, branch)?.id, settings),
+    }
+}
+
+fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &SolveSettings) -> Result<u64> {
+    let Some(row) = branches::version_row(tx, version)? else {
+        return Err(Error::Usage {
+            message: format!("{}: there is no version {version}", store.dir().display()),
+            help: "give the number of a version that `clerestory status` lists".to_owned(),
+        });
+    };
+    let joined: Option<u64> = tx
+        .query_row(
+            "SELECT id FROM branches WHERE base_version = ?1 AND options_hash = ?2 ORDER BY id DESC LIMIT 1",
+            params![version, settings.options_hash],
+            |r| r.get(0),
+        )
+        .optional()?;
+    if let Some(branch) = joined {
+        return Ok(branch);
+    }
+    let hash: Option<String> =
+        tx.query_row("SELECT options_hash FROM branches WHERE id = ?1", [row.branch], |r| r.get(0))?;
+    let is_newest = newest_of(tx, row.branch)?.id == version;
+    match hash {
+        None if is_newest => adopt(tx, row.branch, settings).map(|()| row.branch),
+        Some(hash) if is_newest && hash == settings.options_hash => Ok(row.branch),
+        _ => open_branch(tx, version, settings),
+    }
+}
+
+/// Gives its options to a branch that nobody has solved on yet.
+fn adopt(tx: &Transaction<'_>, branch: u64, settings: &SolveSettings) -> Result<()> {
+    tx.execute(
+        "UPDATE branches SET options_hash = ?2, options = ?3, tolerance = ?4 WHERE id = ?1",
+        params![branch, settings.options_hash, settings.options, settings.tolerance],
+    )?;
+    Ok(())
+}
+
+fn open_branch(tx: &Transaction<'_>, base: u64, settings: &SolveSettings) -> Result<u64> {
+    let branch: u64 = tx.query_row("SELECT max(id) + 1 FROM branches", [], |r| r.get(0))?;
+    tx.execute(
+        "INSERT INTO branches (id, base_version, cause, opened_at) VALUES (?1, ?2, 'settings', unixepoch('subsec'))",
+        [branch, base],
+    )?;
+    adopt(tx, branch, settings)?;
+    Ok(branch)
+}

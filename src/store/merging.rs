@@ -1,0 +1,352 @@
+//! Finished updates become a solution version, in one transaction.
+
+use rusqlite::{OptionalExtension, Transaction, params};
+
+use super::branches::VersionRow;
+use super::iterations::newest_of;
+use super::snapshot::Snapshot;
+use super::{ExtentRef, Store};
+use crate::base::{ClusterId, Error, Result};
+use crate::model::ExtentKind;
+use crate::model::order::UpdateOrder;
+use crate::model::report::TaskReport;
+
+/// Where a task stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TaskState {
+    /// Nobody has claimed it.
+    Free,
+    /// A worker solves it.
+    Running,
+    /// Solved, not merged.
+    Done,
+    /// Part of a version.
+    Merged,
+    /// Its workers died too often.
+    Failed,
+}
+
+/// A task as merge sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TaskRow {
+    /// Its number.
+    pub id: i64,
+    /// Its branch.
+    pub branch: u64,
+    /// Its iteration.
+    pub iteration: u64,
+    /// Its group.
+    pub group: u32,
+    /// How its update becomes a version.
+    pub order: UpdateOrder,
+    /// Where it stands.
+    pub state: TaskState,
+    /// The version it read.
+    pub base_version: u64,
+    /// Of the options it was solved with.
+    pub options_hash: String,
+    /// Of the partition it belongs to.
+    pub partition_hash: String,
+    /// What it reported, once done.
+    pub report: Option<TaskReport>,
+}
+
+/// A branch's settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BranchRow {
+    /// Its number.
+    pub id: u64,
+    /// The version that it starts from; none for branch 0.
+    pub base_version: Option<u64>,
+    /// Of the options that shape it; none before the first solve.
+    pub options_hash: Option<String>,
+    /// The error people dial.
+    pub tolerance: Option<f64>,
+}
+
+/// Figures of a new version; those of a whole iteration only at its end.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VersionFigures {
+    /// Whether the branch has converged.
+    pub converged: bool,
+    /// The branch's tolerance.
+    pub tolerance: f64,
+    /// Relative change of irradiance since the last end of an iteration.
+    pub residual: f64,
+    /// Factor by which the error falls per iteration.
+    pub contraction: f64,
+    /// Relative error left by stopping here.
+    pub predicted_error: f64,
+    /// Power emitted, W.
+    pub emitted_w: [f64; 3],
+    /// Power absorbed, W.
+    pub absorbed_w: [f64; 3],
+    /// Power that left the model, W.
+    pub escaped_w: [f64; 3],
+    /// Largest channel of |emitted - absorbed - escaped| / emitted.
+    pub energy_balance: f64,
+    /// Elements.
+    pub elements: u64,
+    /// Links evaluated in the iteration.
+    pub links_evaluated: u64,
+    /// Links stored.
+    pub links_stored: u64,
+    /// Links read back in the iteration.
+    pub links_reused: u64,
+    /// Rays cast in the iteration.
+    pub rays: u64,
+    /// Share of the lit rows that nothing is linked to.
+    pub unlinked_mean: f64,
+}
+
+fn damaged(detail: impl Into<String>) -> Error {
+    Error::damaged(std::path::Path::new(super::sql::CATALOGUE), detail)
+}
+
+fn state_of(text: &str) -> Result<TaskState> {
+    Ok(match text {
+        "free" => TaskState::Free,
+        "running" => TaskState::Running,
+        "done" => TaskState::Done,
+        "merged" => TaskState::Merged,
+        "failed" => TaskState::Failed,
+        other => return Err(damaged(format!("a task's state is {other}"))),
+    })
+}
+
+impl Store {
+    /// The newest branch; `None` before ingest.
+    pub fn branch(&self) -> Result<Option<BranchRow>> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT id, base_version, options_hash, tolerance FROM branches ORDER BY id DESC LIMIT 1",
+        )?;
+        let row = query.query_row([], |r| {
+            Ok(BranchRow { id: r.get(0)?, base_version: r.get(1)?, options_hash: r.get(2)?, tolerance: r.get(3)? })
+        });
+        Ok(row.optional()?)
+    }
+
+    /// Newest version of a branch, or the one that it starts from.
+    pub fn newest_of_branch(&self, branch: u64) -> Result<VersionRow> {
+        newest_of(self.connection(), branch).map_err(|e| self.named(e))
+    }
+
+    /// The iteration of a branch that has tasks not merged yet.
+    pub fn iteration_under_way(&self, branch: u64) -> Result<Option<u64>> {
+        let mut query = self
+            .connection()
+            .prepare_cached("SELECT max(iteration) FROM tasks WHERE branch = ?1 AND state <> 'merged'")?;
+        Ok(query.query_row([branch], |r| r.get(0))?)
+    }
+
+    /// Tasks that are done but not merged on another branch than `branch`, as (branch, group).
+    pub fn stray_updates(&self, branch: u64) -> Result<Vec<(u64, u32)>> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT branch, group_id FROM tasks WHERE state = 'done' AND branch <> ?1 ORDER BY branch, group_id",
+        )?;
+        let rows = query.query_map([branch], |r| Ok((r.get(0)?, r.get(1)?)))?;
+        Ok(rows.collect::<std::result::Result<_, _>>()?)
+    }
+
+    /// The tasks of an iteration, in the order of their groups.
+    pub fn tasks(&self, branch: u64, iteration: u64) -> Result<Vec<TaskRow>> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT id, group_id, update_order, state, base_version, options_hash, partition_hash, report
+             FROM tasks WHERE branch = ?1 AND iteration = ?2 ORDER BY group_id",
+        )?;
+        let mut rows = query.query(params![branch, iteration])?;
+        let mut tasks = Vec::new();
+        while let Some(row) = rows.next()? {
+            let report: Option<Vec<u8>> = row.get(7)?;
+            let group = row.get(1)?;
+            tasks.push(TaskRow {
+                id: row.get(0)?,
+                branch,
+                iteration,
+                group,
+                order: row.get::<_, String>(2)?.parse().map_err(damaged)?,
+                state: state_of(&row.get::<_, String>(3)?)?,
+                base_version: row.get(4)?,
+                options_hash: row.get(5)?,
+                partition_hash: row.get(6)?,
+                report: report
+                    .map(|bytes| TaskReport::decode(&bytes))
+                    .transpose()
+                    .map_err(|e| damaged(format!("report of group {group}: {e}")))?,
+            });
+        }
+        Ok(tasks)
+    }
+
+    /// Where the radiosity of a cluster lies in a task's update, if it has any.
+    pub fn updated_light(&self, task: i64, cluster: ClusterId) -> Result<Option<ExtentRef>> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT segment, offset, bytes FROM updates WHERE task = ?1 AND cluster = ?2 AND kind = ?3",
+        )?;
+        let row =
+            query.query_row(params![task, cluster.0, ExtentKind::Radiosity as u16], |row| ExtentRef::from_row(row, 0));
+        Ok(row.optional()?)
+    }
+
+    /// Residuals of the ends of iterations of a branch, newest first, at most `count`.
+    pub fn residuals(&self, branch: u64, count: u32) -> Result<Vec<f64>> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT residual FROM solution_versions
+             WHERE branch = ?1 AND is_iteration_end = 1 AND residual IS NOT NULL ORDER BY id DESC LIMIT ?2",
+        )?;
+        let rows = query.query_map(params![branch, count], |r| r.get(0))?;
+        Ok(rows.collect::<std::result::Result<_, _>>()?)
+    }
+
+    /// The newest end of an iteration at or before a version, along its branch and base.
+    pub fn iteration_end_before(&self, version: u64) -> Result<u64> {
+        let mut at = version;
+        while let Some(row) = self.version(at)? {
+            match row.parent {
+                Some(parent) if !row.is_iteration_end => at = parent,
+                _ => return Ok(row.id),
+            }
+        }
+        Err(self.named(damaged(format!("version {at} is missing"))))
+    }
+
+    /// Figures of the end of an iteration; `None` for other versions and for version 0.
+    pub fn version_figures(&self, version: u64) -> Result<Option<VersionFigures>> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT converged, tolerance, residual, contraction, predicted_error, emitted_r_w, emitted_g_w, emitted_b_w,
+                absorbed_r_w, absorbed_g_w, absorbed_b_w, escaped_r_w, escaped_g_w, escaped_b_w, energy_balance,
+                elements, links_evaluated, links_stored, links_reused, rays, unlinked_mean
+             FROM solution_versions WHERE id = ?1 AND residual IS NOT NULL",
+        )?;
+        let row = query.query_row([version], |r| {
+            Ok(VersionFigures {
+                converged: r.get(0)?,
+                tolerance: r.get(1)?,
+                residual: r.get(2)?,
+                contraction: r.get(3)?,
+                predicted_error: r.get(4)?,
+                emitted_w: [r.get(5)?, r.get(6)?, r.get(7)?],
+                absorbed_w: [r.get(8)?, r.get(9)?, r.get(10)?],
+                escaped_w: [r.get(11)?, r.get(12)?, r.get(13)?],
+                energy_balance: r.get(14)?,
+                elements: r.get(15)?,
+                links_evaluated: r.get(16)?,
+                links_stored: r.get(17)?,
+                links_reused: r.get(18)?,
+                rays: r.get(19)?,
+                unlinked_mean: r.get(20)?,
+            })
+        });
+        Ok(row.optional()?)
+    }
+
+    /// Makes the next version of a branch from done tasks. Clusters whose light is unchanged get no
+    /// row. `figures` mark the end of the iteration. `None` if another process merged them meanwhile.
+    pub fn merge(&self, base: &VersionRow, tasks: &[TaskRow], figures: Option<&VersionFigures>) -> Result<Option<u64>> {
+        let Some(first) = tasks.first() else { return Ok(None) };
+        self.write(|tx| {
+            if newest_of(tx, first.branch)?.id != base.id || !all_done(tx, tasks)? {
+                return Ok(None);
+            }
+            let version: u64 = tx.query_row("SELECT max(id) + 1 FROM solution_versions", [], |r| r.get(0))?;
+            insert_version(tx, version, base.id, first, figures)?;
+            let old = Snapshot::at(self, base.id)?;
+            let mut changed = 0u64;
+            for task in tasks {
+                changed += self.move_updates(tx, task.id, version, &old)?;
+                tx.execute(
+                    "UPDATE tasks SET state = 'merged', merged_version = ?2 WHERE id = ?1",
+                    params![task.id, version],
+                )?;
+                tx.execute("DELETE FROM updates WHERE task = ?1", [task.id])?;
+            }
+            tx.execute("UPDATE solution_versions SET clusters_changed = ?2 WHERE id = ?1", [version, changed])?;
+            Ok(Some(version))
+        })
+    }
+
+    fn move_updates(&self, tx: &Transaction<'_>, task: i64, version: u64, old: &Snapshot<'_>) -> Result<u64> {
+        let mut query =
+            tx.prepare_cached("SELECT segment, offset, bytes, cluster, kind, delta FROM updates WHERE task = ?1")?;
+        let mut state = tx.prepare_cached("INSERT INTO cluster_states VALUES (?1, ?2, ?3, ?4, ?5)")?;
+        let mut links = tx.prepare_cached("INSERT INTO cluster_links VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?;
+        let mut rows = query.query([task])?;
+        let mut changed = 0;
+        while let Some(row) = rows.next()? {
+            let (at, cluster) = (ExtentRef::from_row(row, 0)?, ClusterId(row.get(3)?));
+            if row.get::<_, u16>(4)? == ExtentKind::Links as u16 {
+                let delta: bool = row.get(5)?;
+                links.execute(params![cluster.0, version, delta, at.segment, at.offset, at.bytes])?;
+            } else if !self.same_light(old, cluster, at)? {
+                state.execute(params![cluster.0, version, at.segment, at.offset, at.bytes])?;
+                changed += 1;
+            }
+        }
+        Ok(changed)
+    }
+
+    /// Whether a new radiosity extent holds the same bytes as the old one.
+    fn same_light(&self, old: &Snapshot<'_>, cluster: ClusterId, new: ExtentRef) -> Result<bool> {
+        let Some(before) = old.extent(ExtentKind::Radiosity, cluster)? else { return Ok(false) };
+        let after = self.extent(new, ExtentKind::Radiosity)?;
+        Ok(before.header().payload_xxh3 == after.header().payload_xxh3 && before.payload() == after.payload())
+    }
+}
+
+fn all_done(tx: &Transaction<'_>, tasks: &[TaskRow]) -> Result<bool> {
+    let mut query = tx.prepare_cached("SELECT state = 'done' FROM tasks WHERE id = ?1")?;
+    for task in tasks {
+        if query.query_row([task.id], |r| r.get(0)).optional()? != Some(true) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+fn insert_version(
+    tx: &Transaction<'_>,
+    version: u64,
+    parent: u64,
+    task: &TaskRow,
+    figures: Option<&VersionFigures>,
+) -> Result<()> {
+    tx.execute(
+        "INSERT INTO solution_versions (id, parent, branch, iteration, is_iteration_end, made_at)
+         VALUES (?1, ?2, ?3, ?4, ?5, unixepoch('subsec'))",
+        params![version, parent, task.branch, task.iteration, figures.is_some()],
+    )?;
+    let Some(f) = figures else { return Ok(()) };
+    let ([er, eg, eb], [ar, ag, ab], [sr, sg, sb]) = (f.emitted_w, f.absorbed_w, f.escaped_w);
+    tx.execute(
+        "UPDATE solution_versions SET converged = ?2, tolerance = ?3, residual = ?4, contraction = ?5,
+            predicted_error = ?6, emitted_r_w = ?7, emitted_g_w = ?8, emitted_b_w = ?9, absorbed_r_w = ?10,
+            absorbed_g_w = ?11, absorbed_b_w = ?12, escaped_r_w = ?13, escaped_g_w = ?14, escaped_b_w = ?15,
+            energy_balance = ?16, elements = ?17, links_evaluated = ?18, links_stored = ?19, links_reused = ?20,
+            rays = ?21, unlinked_mean = ?22 WHERE id = ?1",
+        params![
+            version,
+            f.converged,
+            f.tolerance,
+            f.residual,
+            f.contraction,
+            f.predicted_error,
+            er,
+            eg,
+            eb,
+            ar,
+            ag,
+            ab,
+            sr,
+            sg,
+            sb,
+            f.energy_balance,
+            f.elements,
+            f.links_evaluated,
+            f.links_stored,
+            f.links_reused,
+            f.rays,
+            f.unlinked_mean
+        ],
+    )?;
+    Ok(())
+}
