@@ -87,20 +87,15 @@ impl<R: BufRead> ObjReader<R> {
         }
     }
 
-    /// Line of the record that [`Self::next_record`] returned last, from 1.
-    #[must_use]
-    pub fn line(&self) -> u64 {
-        self.line
-    }
-
     /// How many `v` records there were so far.
     #[must_use]
     pub fn vertices(&self) -> u64 {
         self.counts[0]
     }
 
-    /// The next record, `None` at the end. Fails on unreadable files and on broken numbers.
-    pub fn next_record(&mut self) -> Result<Option<Record<'_>>> {
+    /// The next record and its (first) line, from 1; `None` at the end. Fails on unreadable files and
+    /// on broken numbers.
+    pub fn next_record(&mut self) -> Result<Option<(u64, Record<'_>)>> {
         while self.read_line()? {
             // The parser borrows corners mutably, the text not: taken out and put back.
             let text = std::mem::take(&mut self.text);
@@ -108,8 +103,8 @@ impl<R: BufRead> ObjReader<R> {
             self.text = text;
             match parsed? {
                 Parsed::Nothing => {}
-                Parsed::Face => return Ok(Some(Record::Face(&self.corners))),
-                Parsed::Other(record) => return Ok(Some(record)),
+                Parsed::Face => return Ok(Some((self.line, Record::Face(&self.corners)))),
+                Parsed::Other(record) => return Ok(Some((self.line, record))),
             }
         }
         Ok(None)
@@ -309,13 +304,10 @@ mod tests {
     fn read(text: &[u8]) -> Result<Vec<(u64, String)>> {
         let mut reader = ObjReader::new(text, Path::new("model.obj"));
         let mut out = Vec::new();
-        loop {
-            let shown = match reader.next_record()? {
-                Some(record) => format!("{record:?}"),
-                None => return Ok(out),
-            };
-            out.push((reader.line(), shown));
+        while let Some((line, record)) = reader.next_record()? {
+            out.push((line, format!("{record:?}")));
         }
+        Ok(out)
     }
 
     fn shown(text: &str) -> Vec<(u64, String)> {

@@ -2,11 +2,13 @@
 
 pub mod group_links;
 pub mod group_solver;
+pub mod ingest;
 pub mod merge;
 pub mod partition;
 pub mod point_light;
 pub mod sample;
 pub mod solve_group;
+pub mod summary;
 pub mod tolerances;
 pub mod visibility;
 pub mod working_set;

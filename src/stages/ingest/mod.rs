@@ -1,0 +1,447 @@
+//! `ingest`: OBJ files into clusters, patches, cluster trees and version 0, in bounded memory.
+//!
+//! `read` spills vertices and faces; `frame` finds bounds and vertical; `pieces` cuts faces into
+//! triangles and quads; `coincide` resolves duplicates and opposite pairs; `join` makes quads of
+//! triangle pairs; `clusters` splits objects; `tree` makes a cluster's records; `write` stores them.
+
+mod clusters;
+mod coincide;
+mod frame;
+mod join;
+mod materials;
+mod objects;
+mod piece;
+mod pieces;
+mod read;
+mod record_file;
+mod rerun;
+mod scratch;
+mod skipped;
+mod sorter;
+mod tree;
+mod write;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use self::coincide::Search;
+use self::frame::{Frame, Survey};
+use self::materials::{LibraryFile, Material};
+use self::piece::Piece;
+use self::read::Spilled;
+use self::record_file::RecordFile;
+use self::rerun::{GeometryOptions, Recipe, hash_file};
+use self::scratch::Scratch;
+use self::tree::Rules;
+use self::write::{Source, Totals, Writers};
+use crate::base::memory::MemoryBudget;
+use crate::base::{Error, Progress, Result};
+use crate::formats::mtl;
+use crate::store::{ExtentRef, IngestTx, ModelFacts, RunLock, SegmentWriter, Stage, StageRecord, Store};
+
+/// Least memory that an ingest runs in, bytes.
+const LEAST_MEMORY: u64 = 48 << 20;
+/// Snap length as a share of the bounding diagonal.
+const SNAP: f64 = 1e-5;
+
+/// Length units of a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Units {
+    /// Metres.
+    M,
+    /// Centimetres.
+    Cm,
+    /// Millimetres.
+    Mm,
+    /// Inches.
+    In,
+    /// Feet.
+    Ft,
+}
+
+impl Units {
+    /// Metres per unit.
+    #[must_use]
+    pub fn metres(self) -> f64 {
+        match self {
+            Self::M => 1.0,
+            Self::Cm => 0.01,
+            Self::Mm => 0.001,
+            Self::In => 0.0254,
+            Self::Ft => 0.3048,
+        }
+    }
+
+    /// As typed.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::M => "m",
+            Self::Cm => "cm",
+            Self::Mm => "mm",
+            Self::In => "in",
+            Self::Ft => "ft",
+        }
+    }
+}
+
+/// The flags of `ingest`.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Store folder.
+    pub store: PathBuf,
+    /// OBJ files.
+    pub models: Vec<PathBuf>,
+    /// `--units`.
+    pub units: Units,
+    /// `--up`: 'y' or 'z'; `None` is auto.
+    pub up: Option<char>,
+    /// `--sides both`.
+    pub both_sides: bool,
+    /// `--materials`.
+    pub materials: Option<PathBuf>,
+    /// `--emit both`.
+    pub emit_both: bool,
+    /// `--max-cluster-patches`, 1..=256.
+    pub max_cluster_patches: u32,
+    /// `--snap`, m; `None` is 1e-5 of the bounding diagonal.
+    pub snap_m: Option<f64>,
+    /// `--memory`.
+    pub memory: MemoryBudget,
+    /// `--fresh`.
+    pub fresh: bool,
+    /// `--wait`.
+    pub wait: Duration,
+}
+
+/// What an ingest would do.
+pub struct Plan {
+    options: Options,
+    model_bytes: u64,
+}
+
+/// Checks that inputs are there and memory suffices.
+pub fn plan(options: &Options) -> Result<Plan> {
+    if options.memory.limit_bytes < LEAST_MEMORY {
+        return Err(Error::TooLarge {
+            message: format!(
+                "ingest needs {} MiB, over the limit of {} MiB",
+                LEAST_MEMORY >> 20,
+                options.memory.limit_bytes >> 20
+            ),
+            help: format!("give `--memory {}M` or more", LEAST_MEMORY >> 20),
+        });
+    }
+    let mut model_bytes = 0;
+    for path in options.models.iter().chain(&options.materials) {
+        let meta = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?;
+        if !meta.is_file() {
+            return Err(Error::failed(format!("{}: not a file", path.display()), "name an OBJ file"));
+        }
+        model_bytes += meta.len();
+    }
+    Ok(Plan { options: options.clone(), model_bytes })
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+        writeln!(f, "ingest {} files, {} MiB", self.options.models.len(), mib(self.model_bytes))?;
+        writeln!(f, "memory: at most {} MiB", mib(self.options.memory.limit_bytes))?;
+        writeln!(f, "disk: about {} MiB while it works", mib(8 * self.model_bytes))?;
+        write!(f, "store: {}", self.options.store.display())
+    }
+}
+
+/// What an ingest found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    #[serde(skip)]
+    store: PathBuf,
+    /// Patches.
+    pub patches: u64,
+    /// Clusters.
+    pub clusters: u64,
+    /// Emitting patches.
+    pub emitters: u64,
+    /// Area, each patch once, m2.
+    pub area_m2: f64,
+    /// `f` records read.
+    pub input_polygons: u64,
+    /// Faces left out: cause -> count.
+    pub skipped: BTreeMap<String, u64>,
+    /// Bounding box in model axes, m: smallest corner, largest corner.
+    pub bounds_m: [[f64; 3]; 2],
+    /// The vertical.
+    pub up: char,
+    /// Nothing had to be done.
+    pub unchanged: bool,
+    /// Version that opened a branch with new materials, if that is what was done.
+    pub materials_version: Option<u64>,
+}
+
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let [low, high] = self.bounds_m;
+        let size: Vec<String> = (0..3).map(|i| format!("{:.2}", high[i] - low[i])).collect();
+        let skipped: u64 = self.skipped.values().sum();
+        let mut lines = vec![
+            format!(
+                "{} patches of {} polygons in {} clusters, {} emitters, {:.1} m2; {skipped} faces skipped",
+                self.patches, self.input_polygons, self.clusters, self.emitters, self.area_m2
+            ),
+            format!("{} m, up is {}", size.join(" x "), self.up),
+        ];
+        if self.unchanged {
+            lines.push("Nothing has changed since the last ingest.".to_owned());
+        }
+        if let Some(version) = self.materials_version {
+            lines.push(format!("Only materials have changed: version {version} opens a new branch."));
+        }
+        lines
+    }
+
+    fn next(&self) -> Option<String> {
+        Some(format!("clerestory visibility {}", self.store.display()))
+    }
+}
+
+/// Ingests. A store that was made here goes again if it fails.
+pub fn execute(plan: Plan, progress: &dyn Progress) -> Result<Summary> {
+    let options = plan.options;
+    let is_new = !options.store.exists();
+    let done = ingest(&options, progress);
+    if done.is_err() && is_new {
+        // The error is what matters; a folder that stays behind does no harm.
+        let _ = std::fs::remove_dir_all(&options.store);
+    }
+    done
+}
+
+fn ingest(options: &Options, progress: &dyn Progress) -> Result<Summary> {
+    let store = Store::create(&options.store, options.wait)?;
+    let _lock = RunLock::take(&store, &format!("clerestory ingest {}", options.store.display()))?;
+    if options.fresh {
+        store.empty()?;
+    }
+    let before = store.stage(Stage::Ingest)?;
+    if let Some(record) = &before
+        && rerun::is_unchanged(record, options)?
+    {
+        return Ok(Summary { unchanged: true, ..summary(options, &store.facts()?, BTreeMap::new()) });
+    }
+    let scratch = Scratch::create(&options.store)?;
+    let made = Made::from_files(options, &scratch, progress)?;
+    match before {
+        None => made.into_empty_store(options, &store, &scratch, progress),
+        Some(record) => made.into_known_store(options, &store, &record, &scratch, progress),
+    }
+}
+
+/// The model, cut into pieces, on disk.
+struct Made {
+    spilled: Spilled,
+    pieces: RecordFile<Piece>,
+    materials: Vec<Material>,
+    libraries: Vec<Vec<LibraryFile>>,
+    survey: Survey,
+    frame: Frame,
+    snap_m: f64,
+    incomplete: bool,
+}
+
+impl Made {
+    fn from_files(options: &Options, scratch: &Scratch, progress: &dyn Progress) -> Result<Self> {
+        let dir = scratch.dir();
+        let cache = options.memory.share(8);
+        let mut spilled = Spilled::create(dir, cache)?;
+        for model in &options.models {
+            spilled.read(model, progress)?;
+        }
+        let libraries = materials::read_libraries(&spilled.files, progress)?;
+        let given = options.materials.as_deref().map(mtl::read).transpose()?;
+        let materials = materials::materials_of(&spilled.materials, &libraries, given.as_ref(), progress);
+        materials::warn_of_ignored(&libraries, progress);
+        let incomplete = spilled.files.iter().zip(&libraries).any(|(f, l)| l.len() < f.libraries.len());
+
+        let survey = Survey::of(&mut spilled, progress)?;
+        if !survey.bounds.size().is_finite() {
+            return Err(frame::no_faces(&spilled));
+        }
+        let unit = options.units.metres();
+        let frame = survey.frame(unit);
+        let snap_m = options.snap_m.unwrap_or(SNAP * survey.bounds.size().length() * unit);
+        let mut raw = RecordFile::create(dir, "raw", cache)?;
+        pieces::make(&mut spilled, frame, snap_m, &mut raw, progress)?;
+        let search = Search { dir, memory_bytes: options.memory.share(10), snap_m, materials: &materials };
+        search.run(&mut raw, &mut spilled.skipped, progress)?;
+        let mut pieces = RecordFile::create(dir, "pieces", cache)?;
+        join::join(&mut raw, &mut pieces, snap_m, progress)?;
+        drop(raw);
+        search.run(&mut pieces, &mut spilled.skipped, progress)?;
+        pieces::split_long(&mut pieces)?;
+        if pieces.len() == 0 {
+            return Err(frame::no_faces(&spilled));
+        }
+        if let Some(warning) = survey.size_warning(unit) {
+            progress.warn(&warning);
+        }
+        let paths: Vec<PathBuf> = spilled.files.iter().map(|f| f.path.clone()).collect();
+        for warning in spilled.skipped.warnings(&paths) {
+            progress.warn(&warning);
+        }
+        for (what, n) in &spilled.ignored {
+            progress.warn(&format!("{n} {what} ignored: they have no area"));
+        }
+        Ok(Self { spilled, pieces, materials, libraries, survey, frame, snap_m, incomplete })
+    }
+
+    fn source<'a>(&'a mut self, options: &Options, scratch: &'a Scratch) -> Source<'a> {
+        Source {
+            spilled: &mut self.spilled,
+            pieces: &mut self.pieces,
+            frame: self.frame,
+            rules: Rules { materials: &self.materials, both_sides: options.both_sides, emit_both: options.emit_both },
+            most: options.max_cluster_patches as usize,
+            scratch: (scratch.dir(), options.memory.share(10)),
+        }
+    }
+
+    fn into_empty_store(
+        mut self,
+        options: &Options,
+        store: &Store,
+        scratch: &Scratch,
+        progress: &dyn Progress,
+    ) -> Result<Summary> {
+        let recipe = self.recipe(options)?;
+        let mut writers = Writers::create(store)?;
+        let mut tx = IngestTx::begin(store)?;
+        let mut files = Vec::new();
+        for (i, (path, hash)) in recipe.inputs.iter().enumerate() {
+            let kind = if i < recipe.models { "obj" } else { "mtl" };
+            let bytes = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.len();
+            files.push(tx.add_file(&path.to_string_lossy(), kind, bytes, hash)?);
+        }
+        self.spilled.objects.for_each(|file, name| {
+            tx.add_object(files[file as usize], name)?;
+            Ok(())
+        })?;
+        self.spilled.skipped.for_each(|file, line, cause| tx.add_skipped(files[file as usize], line, cause))?;
+        let (totals, top) = write::write_clusters(&mut self.source(options, scratch), &mut writers, &mut tx, progress)?;
+        let facts = self.facts(options, &totals, top);
+        let record = record(&recipe, &totals);
+        warn_if_dark(&totals, progress);
+        tx.finish(&facts, &record, &mut writers.all)?;
+        Ok(summary(options, &facts, self.spilled.skipped.counts()))
+    }
+
+    fn into_known_store(
+        mut self,
+        options: &Options,
+        store: &Store,
+        before: &StageRecord,
+        scratch: &Scratch,
+        progress: &dyn Progress,
+    ) -> Result<Summary> {
+        let recipe = self.recipe(options)?;
+        let mut writers = [SegmentWriter::create(store, "materials")?, SegmentWriter::create(store, "light")?];
+        let (totals, mut rows) = write::write_materials(&mut self.source(options, scratch), &mut writers, progress)?;
+        let record = record(&recipe, &totals);
+        if record.input_hash != before.input_hash {
+            return Err(rerun::refused(options, "its geometry differs"));
+        }
+        let old = store.facts()?;
+        let skipped = self.spilled.skipped.counts();
+        if record.materials_hash == before.materials_hash {
+            return Ok(Summary { unchanged: true, ..summary(options, &old, skipped) });
+        }
+        let facts = self.facts(options, &totals, old.rays_top);
+        warn_if_dark(&totals, progress);
+        let mut waiting = (0..rows.len()).map(|i| rows.get(i).map(Into::into));
+        let version = store.replace_materials(&facts, &record, &mut writers, &mut waiting)?;
+        Ok(Summary { materials_version: Some(version), ..summary(options, &facts, skipped) })
+    }
+
+    fn recipe(&self, options: &Options) -> Result<Recipe> {
+        let found = self.libraries.iter().flatten().map(|l| &l.path);
+        let mut inputs = Vec::new();
+        for path in options.models.iter().chain(found).chain(&options.materials) {
+            let full = std::fs::canonicalize(path).map_err(|e| Error::io(path, &e))?;
+            inputs.push((full, hash_file(path)?));
+        }
+        Ok(Recipe {
+            geometry: GeometryOptions::of(options),
+            emit: rerun::emit_name(options).to_owned(),
+            inputs,
+            models: options.models.len(),
+            has_given_materials: options.materials.is_some(),
+            incomplete: self.incomplete,
+        })
+    }
+
+    fn facts(&self, options: &Options, totals: &Totals, rays_top: ExtentRef) -> ModelFacts {
+        let bounds = totals.bounds.expect("there is a patch");
+        ModelFacts {
+            origin: self.frame.origin.to_array(),
+            metres_per_unit: self.frame.metres_per_unit,
+            up: options.up.unwrap_or(self.survey.up()),
+            min_m: bounds.min.to_array(),
+            max_m: bounds.max.to_array(),
+            snap_m: self.snap_m,
+            both_sides: options.both_sides,
+            emit_both: options.emit_both,
+            patches: totals.patches,
+            clusters: totals.clusters,
+            emitters: totals.emitters,
+            input_polygons: self.spilled.polygons,
+            area_m2: totals.area_m2,
+            mean_patch_area_m2: totals.mean_patch_area_m2(),
+            emitted_w: totals.emitted_w.0,
+            mean_reflectance: totals.mean_reflectance(),
+            max_reflectance: totals.max_reflectance,
+            rays_top,
+        }
+    }
+}
+
+fn warn_if_dark(totals: &Totals, progress: &dyn Progress) {
+    if totals.emitters == 0 {
+        progress.warn("no material emits (`Ke`): everything stays dark; give lamps with `--materials FILE.mtl`");
+    }
+}
+
+fn record(recipe: &Recipe, totals: &Totals) -> StageRecord {
+    let (geometry, materials) = totals.hashes();
+    StageRecord {
+        stage: Stage::Ingest,
+        input_hash: geometry,
+        materials_hash: materials,
+        options_hash: recipe.geometry.hash(),
+        previous_hash: String::new(),
+        options: serde_json::to_string(recipe).expect("plain data"),
+    }
+}
+
+fn summary(options: &Options, facts: &ModelFacts, skipped: BTreeMap<String, u64>) -> Summary {
+    // To the micrometre: stored coordinates are f32.
+    let micro = |x: f64| (x * 1e6).round() / 1e6;
+    let corner = |at: [f64; 3]| std::array::from_fn(|i| micro(at[i] + facts.origin[i] * facts.metres_per_unit));
+    Summary {
+        store: options.store.clone(),
+        patches: facts.patches,
+        clusters: facts.clusters,
+        emitters: facts.emitters,
+        area_m2: facts.area_m2,
+        input_polygons: facts.input_polygons,
+        skipped,
+        bounds_m: [corner(facts.min_m), corner(facts.max_m)],
+        up: facts.up,
+        unchanged: false,
+        materials_version: None,
+    }
+}

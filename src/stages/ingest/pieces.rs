@@ -1,0 +1,188 @@
+//! Second pass: faces into pieces, each a triangle or a convex planar quad.
+
+use bytemuck::Zeroable;
+use glam::DVec3;
+
+use super::frame::{Frame, position};
+use super::piece::{FaceCorner, NONE, Piece};
+use super::read::{Face, Spilled};
+use super::record_file::RecordFile;
+use super::skipped::Cause;
+use crate::base::{Progress, Result};
+use crate::geom::bounds::Bounds;
+use crate::geom::split::{area_vector, split};
+
+/// Bend of a quad, relative to its longest edge, that still counts as planar.
+const PLANAR: f64 = 1e-4;
+/// Height of a sliver, relative to its longest edge, that counts as no area.
+const THIN: f64 = 1e-6;
+/// Four times the rounding of stored coordinates, relative to the largest.
+const ROUNDING: f64 = 4.0 / (1 << 24) as f64;
+/// Patches with a longer edge are split, m: 1 cm at the greatest depth.
+pub const LONGEST_EDGE_M: f64 = 160.0;
+
+/// How far from its mean plane a polygon's corners may lie, m.
+#[must_use]
+pub fn planar_tolerance(points: &[DVec3], snap_m: f64) -> f64 {
+    (0.5 * snap_m).max(PLANAR * longest_edge(points))
+}
+
+fn longest_edge(points: &[DVec3]) -> f64 {
+    (0..points.len()).map(|i| points[i].distance(points[(i + 1) % points.len()])).fold(0.0, f64::max)
+}
+
+fn is_thin(points: &[DVec3]) -> bool {
+    let longest = longest_edge(points);
+    let farthest = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+    area_vector(points).length() <= longest * (THIN * longest).max(ROUNDING * farthest)
+}
+
+/// Makes pieces of all faces, in order; faces without any are listed as skipped.
+pub fn make(
+    spilled: &mut Spilled,
+    frame: Frame,
+    snap_m: f64,
+    pieces: &mut RecordFile<Piece>,
+    progress: &dyn Progress,
+) -> Result<()> {
+    progress.begin("split", "faces", Some(spilled.polygons));
+    spilled.for_each_face(|spilled, face| one_face(spilled, face, frame, snap_m, pieces), progress)
+}
+
+fn one_face(
+    spilled: &mut Spilled,
+    face: &Face,
+    frame: Frame,
+    snap_m: f64,
+    pieces: &mut RecordFile<Piece>,
+) -> Result<()> {
+    let mut corners: Vec<(FaceCorner, [f32; 3])> = Vec::with_capacity(face.corners.len());
+    for corner in &face.corners {
+        let Some(at) = position(spilled, face, *corner)? else {
+            let (start, end) = spilled.files[face.source.file as usize].vertices;
+            let detail = match corner.vertex {
+                NONE => format!("face uses a vertex far beyond the {} defined", end - start),
+                v => format!("face uses vertex {} but only {} are defined", u64::from(v) - start + 1, end - start),
+            };
+            return spilled.skipped.add(Cause::BadFace, face.source, &detail);
+        };
+        let stored = frame.store_position(at);
+        if !stored.iter().all(|x| x.is_finite()) {
+            let detail = format!("corner at {} {} {} is not finite", at.x, at.y, at.z);
+            return spilled.skipped.add(Cause::NotFinite, face.source, &detail);
+        }
+        if corners.last().is_none_or(|last| last.1 != stored) {
+            corners.push((*corner, stored));
+        }
+    }
+    while corners.len() > 1 && corners[0].1 == corners[corners.len() - 1].1 {
+        corners.pop();
+    }
+    let points: Vec<DVec3> = corners.iter().map(|c| DVec3::from_array(c.1.map(f64::from))).collect();
+    let mut made = 0;
+    if points.len() >= 3 {
+        for part in split(&points, planar_tolerance(&points, snap_m)) {
+            let shape: Vec<DVec3> = part.corners().iter().map(|i| points[*i]).collect();
+            if !is_thin(&shape) {
+                pieces.push(piece(face, part.corners().iter().map(|i| corners[*i])))?;
+                made += 1;
+            }
+        }
+    }
+    if made == 0 {
+        spilled.skipped.add(Cause::Degenerate, face.source, "face has no area")?;
+    }
+    Ok(())
+}
+
+fn piece(face: &Face, corners: impl Iterator<Item = (FaceCorner, [f32; 3])>) -> Piece {
+    let mut piece = Piece { source_count: 1, object: face.object, material: [face.material, NONE], ..Piece::zeroed() };
+    piece.sources[0] = face.source;
+    for (named, at) in corners {
+        let i = piece.corner_count as usize;
+        piece.corners_m[i..].fill(at);
+        piece.named[i] = named;
+        piece.corner_count += 1;
+    }
+    piece
+}
+
+/// Splits pieces with an edge over [`LONGEST_EDGE_M`]: the parts go to the end, the whole is gone.
+/// Neighbours are cut at the same places, the midpoints of their common edges.
+pub fn split_long(pieces: &mut RecordFile<Piece>) -> Result<()> {
+    let mut i = 0;
+    while i < pieces.len() {
+        let mut whole = pieces.get(i)?;
+        let (points, n) = whole.points();
+        if whole.gone == 0 && longest_edge(&points[..n]) > LONGEST_EDGE_M {
+            whole.gone = 1;
+            pieces.set(i, whole)?;
+            for half in halves(&whole) {
+                pieces.push(half)?;
+            }
+        }
+        i += 1;
+    }
+    Ok(())
+}
+
+fn halves(whole: &Piece) -> [Piece; 2] {
+    const MADE: FaceCorner = FaceCorner { vertex: NONE, uv: NONE, normal: NONE };
+    let (points, n) = whole.points();
+    let length = |i: usize| points[i].distance(points[(i + 1) % n]);
+    let longest = (1..n).fold(0, |best, i| if length(i) > length(best) { i } else { best });
+    // Turned so that the longest edge runs from corner 0 to corner 1.
+    let at = |i: usize| (whole.named[(longest + i) % n], whole.corners_m[(longest + i) % n]);
+    let mid = |i: usize, j: usize| {
+        let middle = (points[(longest + i) % n] + points[(longest + j) % n]) * 0.5;
+        (MADE, middle.as_vec3().to_array())
+    };
+    let rebuilt = |corners: &[(FaceCorner, [f32; 3])]| {
+        let mut part = Piece { gone: 0, corner_count: corners.len() as u32, ..*whole };
+        for (i, (named, at)) in corners.iter().enumerate() {
+            part.named[i] = *named;
+            part.corners_m[i..].fill(*at);
+        }
+        part
+    };
+    if n == 3 {
+        [rebuilt(&[at(0), mid(0, 1), at(2)]), rebuilt(&[mid(0, 1), at(1), at(2)])]
+    } else {
+        [rebuilt(&[at(0), mid(0, 1), mid(2, 3), at(3)]), rebuilt(&[mid(0, 1), at(1), at(2), mid(2, 3)])]
+    }
+}
+
+/// Box round a piece, m from the origin.
+#[must_use]
+pub fn bounds(piece: &Piece) -> Bounds {
+    let (points, n) = piece.points();
+    Bounds::of(&points[..n])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_patches_are_halved_until_no_edge_is_too_long_and_keep_their_area() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut pieces = RecordFile::create(dir.path(), "pieces", 0).unwrap();
+        let mut quad = Piece { corner_count: 4, ..Piece::zeroed() };
+        quad.corners_m = [[0., 0., 0.], [500., 0., 0.], [500., 300., 0.], [0., 300., 0.]];
+        let mut triangle = Piece { corner_count: 3, ..Piece::zeroed() };
+        triangle.corners_m = [[0., 0., 0.], [500., 0., 0.], [0., 0., 30.], [0., 0., 30.]];
+        pieces.push(quad).unwrap();
+        pieces.push(triangle).unwrap();
+        split_long(&mut pieces).unwrap();
+        let mut area = 0.0;
+        for i in 0..pieces.len() {
+            let piece = pieces.get(i).unwrap();
+            if piece.gone == 0 {
+                let (points, n) = piece.points();
+                assert!(longest_edge(&points[..n]) <= LONGEST_EDGE_M);
+                area += 0.5 * area_vector(&points[..n]).length();
+            }
+        }
+        assert!((area - 500.0 * 300.0 - 7500.0).abs() < 1e-6, "{area}");
+    }
+}

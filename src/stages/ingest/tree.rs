@@ -1,0 +1,316 @@
+//! A cluster's records: patches in tree order, tree, sector nodes, materials, light of version 0.
+
+use bytemuck::Zeroable;
+use glam::DVec3;
+
+use super::materials::Material;
+use super::piece::{NONE as NO_MATERIAL, Piece};
+use super::pieces::bounds;
+use crate::base::{ClusterId, NodeName, PatchSide, Rgb};
+use crate::geom::bounds::Bounds;
+use crate::geom::grouping::cut_by_area;
+use crate::geom::polygon::Polygon;
+use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of};
+use crate::model::layout::ArraysBuilder;
+use crate::model::light::{ElementLight, LightHead, SectorLight};
+
+/// Patches of a leaf of the tree.
+const LEAF: usize = 4;
+
+/// What shapes the records besides the pieces.
+#[derive(Clone, Copy)]
+pub struct Rules<'a> {
+    /// Materials by number.
+    pub materials: &'a [Material],
+    /// Whether surfaces reflect on both sides.
+    pub both_sides: bool,
+    /// Whether emitters shine both ways.
+    pub emit_both: bool,
+}
+
+/// A cluster's records.
+pub struct ClusterRecords {
+    /// Head of the geometry extent.
+    pub head: ClusterHead,
+    /// Patches, in tree order.
+    pub patches: Vec<PatchRecord>,
+    /// Tree, in preorder.
+    pub tree: Vec<TreeNode>,
+    /// Sector nodes, by name.
+    pub sectors: Vec<SectorHead>,
+    /// Materials, front then back of each patch.
+    pub materials: Vec<SideMaterial>,
+    /// Which piece each patch was.
+    pub order: Vec<u32>,
+}
+
+struct Shape {
+    area_m2: f64,
+    normal: DVec3,
+}
+
+impl ClusterRecords {
+    /// From the pieces of one object, 1 to 256 of them.
+    #[must_use]
+    pub fn new(id: ClusterId, pieces: &[Piece], rules: Rules<'_>) -> Self {
+        let boxes: Vec<Bounds> = pieces.iter().map(bounds).collect();
+        let mut order: Vec<u32> = (0..pieces.len() as u32).collect();
+        let mut tree = Vec::new();
+        grow(&boxes, &mut order, (0, pieces.len()), NONE, &mut tree);
+        let mut patches: Vec<PatchRecord> = order.iter().map(|i| patch(&pieces[*i as usize], rules)).collect();
+        for (number, node) in tree.iter().enumerate() {
+            if node.left == NONE {
+                for patch in &mut patches[below(node)] {
+                    patch.tree_node = number as u32;
+                }
+            }
+        }
+        let shapes: Vec<Shape> = order.iter().map(|i| shape(&pieces[*i as usize])).collect();
+        let materials = order.iter().flat_map(|i| side_materials(&pieces[*i as usize], rules)).collect();
+        let sectors = sectors(id, &patches, &shapes, &tree);
+        let head = ClusterHead {
+            cluster: id.0,
+            patches: pieces.len() as u32,
+            min_m: tree[0].min_m,
+            max_m: tree[0].max_m,
+            ..ClusterHead::zeroed()
+        };
+        Self { head, patches, tree, sectors, materials, order }
+    }
+
+    /// The geometry extent's payload.
+    #[must_use]
+    pub fn geometry(&self) -> Vec<u8> {
+        ArraysBuilder::default().with(&[self.head]).with(&self.patches).with(&self.tree).with(&self.sectors).finish()
+    }
+
+    /// The materials extent's payload.
+    #[must_use]
+    pub fn materials_payload(&self) -> Vec<u8> {
+        ArraysBuilder::default().with(&self.materials).finish()
+    }
+
+    /// Patches that emit.
+    #[must_use]
+    pub fn emitters(&self) -> u32 {
+        self.materials.chunks_exact(2).filter(|m| m.iter().any(|s| s.exitance != [0.0; 3])).count() as u32
+    }
+
+    /// The radiosity extent's payload of a version in which nothing has arrived yet.
+    #[must_use]
+    pub fn light_at_start(&self) -> Vec<u8> {
+        let sectors: Vec<SectorLight> = self.sectors.iter().map(|s| self.sector_at_start(s)).collect();
+        let id = ClusterId(self.head.cluster);
+        let elements: Vec<ElementLight> = (0..2 * self.patches.len())
+            .map(|i| NodeName::root(id, PatchSide::from_index(i)))
+            .map(|name| ElementLight { name: name.0, irradiance: [0.0; 3], spread: 0.0 })
+            .collect();
+        let mut head = LightHead { channels: 3, ..LightHead::zeroed() };
+        head.level_start[1..].fill(elements.len() as u32);
+        ArraysBuilder::default().with(&[head]).with(&sectors).with(&elements).finish()
+    }
+
+    fn sector_at_start(&self, sector: &SectorHead) -> SectorLight {
+        let of = (sector.name >> 35 & 7) as u8;
+        let node = &self.tree[sector.tree_node as usize];
+        let sides = || {
+            below(node)
+                .flat_map(|p| [(p, 0), (p, 1)])
+                .filter(|(p, side)| side_sector(&self.patches[*p], *side) == Some(of))
+                .map(|(p, side)| {
+                    let exitance = Rgb::from_f32(self.materials[2 * p + side].exitance);
+                    (f64::from(self.patches[p].area_m2), exitance)
+                })
+        };
+        let (mut area, mut power) = (0.0, Rgb::BLACK);
+        for (a, e) in sides() {
+            area += a;
+            power += e * a;
+        }
+        let mean = if area > 0.0 { power * (1.0 / area) } else { Rgb::BLACK };
+        let spread = sides().map(|(_, e)| Rgb((e - mean).0.map(f64::abs)).max()).fold(0.0, f64::max);
+        SectorLight {
+            name: sector.name,
+            radiosity: mean.to_f32(),
+            irradiance: [0.0; 3],
+            spread: spread as f32,
+            reserved: 0,
+        }
+    }
+}
+
+fn below(node: &TreeNode) -> std::ops::Range<usize> {
+    let first = usize::from(node.first_patch);
+    first..first + usize::from(node.patch_count)
+}
+
+/// Appends the subtree over `order[range]` in preorder and sorts that range by it.
+fn grow(boxes: &[Bounds], order: &mut [u32], range: (usize, usize), parent: u32, tree: &mut Vec<TreeNode>) -> u32 {
+    let items = &mut order[range.0..range.1];
+    let whole = items.iter().fold(Bounds::EMPTY, |b, i| b.union(boxes[*i as usize]));
+    let number = tree.len() as u32;
+    tree.push(TreeNode {
+        min_m: whole.min.as_vec3().to_array(),
+        max_m: whole.max.as_vec3().to_array(),
+        first_patch: range.0 as u16,
+        patch_count: items.len() as u16,
+        left: NONE,
+        right: NONE,
+        parent,
+        reserved: [0; 2],
+    });
+    if items.len() > LEAF {
+        let cut = range.0 + cut_by_area(boxes, items, LEAF);
+        let left = grow(boxes, order, (range.0, cut), number, tree);
+        let right = grow(boxes, order, (cut, range.1), number, tree);
+        tree[number as usize].left = left;
+        tree[number as usize].right = right;
+    } else {
+        items.sort_unstable();
+    }
+    number
+}
+
+fn shape(piece: &Piece) -> Shape {
+    let (points, n) = piece.points();
+    let polygon = Polygon::new(&points[..n]);
+    Shape { area_m2: polygon.area(), normal: polygon.normal() }
+}
+
+fn patch(piece: &Piece, rules: Rules<'_>) -> PatchRecord {
+    let two_sided = rules.both_sides || piece.material[1] != NO_MATERIAL;
+    PatchRecord {
+        corners_m: piece.corners_m,
+        corner_count: piece.corner_count as u8,
+        sides: if two_sided { 3 } else { 1 },
+        area_m2: shape(piece).area_m2 as f32,
+        ..PatchRecord::zeroed()
+    }
+}
+
+fn side_materials(piece: &Piece, rules: Rules<'_>) -> [SideMaterial; 2] {
+    let front = rules.materials[piece.material[0] as usize];
+    let back = match piece.material[1] {
+        NO_MATERIAL if rules.both_sides => front.side(rules.emit_both),
+        NO_MATERIAL => SideMaterial::default(),
+        other => rules.materials[other as usize].side(true),
+    };
+    [front.side(true), back]
+}
+
+/// The sector that a side faces, if it takes part.
+fn side_sector(patch: &PatchRecord, side: usize) -> Option<u8> {
+    if patch.sides >> side & 1 == 0 {
+        return None;
+    }
+    let corners = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
+    let normal = Polygon::new(&corners[..usize::from(patch.corner_count)]).normal();
+    Some(sector_of(if side == 0 { normal } else { -normal }.to_array()))
+}
+
+fn sectors(id: ClusterId, patches: &[PatchRecord], shapes: &[Shape], tree: &[TreeNode]) -> Vec<SectorHead> {
+    let mut out = Vec::new();
+    for sector in 0..6 {
+        for (number, node) in tree.iter().enumerate() {
+            let mut area = None;
+            for p in below(node) {
+                for (side, normal) in [shapes[p].normal, -shapes[p].normal].into_iter().enumerate() {
+                    if patches[p].sides >> side & 1 == 1 && sector_of(normal.to_array()) == sector {
+                        *area.get_or_insert(0.0) += shapes[p].area_m2;
+                    }
+                }
+            }
+            if let Some(area) = area {
+                let name = NodeName::sector(id, sector, number as u64);
+                out.push(SectorHead { name: name.0, area_m2: area as f32, tree_node: number as u32 });
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::geometry::GeometryView;
+    use crate::model::light::LightView;
+
+    fn aligned(payload: &[u8]) -> Vec<u128> {
+        let mut words = vec![0u128; payload.len().div_ceil(16)];
+        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(payload);
+        words
+    }
+
+    fn row_of_tiles(n: usize) -> Vec<Piece> {
+        (0..n)
+            .map(|i| {
+                let x = (i * 7 % n) as f32;
+                let mut piece = Piece { corner_count: 4, material: [(i % 2) as u32, NO_MATERIAL], ..Piece::zeroed() };
+                piece.corners_m = [[x, 0., 0.], [x + 1., 0., 0.], [x + 1., 1., 0.], [x, 1., 0.]];
+                piece
+            })
+            .collect()
+    }
+
+    const DARK: Material = Material { rho: Rgb([0.5; 3]), exitance: Rgb::BLACK };
+
+    #[test]
+    fn the_tree_holds_every_patch_once_in_preorder_with_exact_boxes() {
+        let rules = Rules { materials: &[DARK, DARK], both_sides: true, emit_both: false };
+        let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), rules);
+        let payload = aligned(&records.geometry());
+        let view = GeometryView::parse(bytemuck::cast_slice(&payload)).unwrap();
+        assert_eq!(usize::from(view.tree[0].patch_count), 100);
+        for (number, node) in view.tree.iter().enumerate() {
+            let mut b = Bounds::EMPTY;
+            for patch in &view.patches[below(node)] {
+                for corner in patch.corners_m {
+                    b = b.with(DVec3::from_array(corner.map(f64::from)));
+                }
+            }
+            assert_eq!(Bounds::from_f32(node.min_m, node.max_m), b);
+            if node.left == NONE {
+                assert!(node.patch_count <= 4);
+                assert!(view.patches[below(node)].iter().all(|p| p.tree_node == number as u32));
+            } else {
+                let (l, r) = (&view.tree[node.left as usize], &view.tree[node.right as usize]);
+                assert_eq!(node.left as usize, number + 1, "preorder");
+                assert_eq!((l.parent, r.parent), (number as u32, number as u32));
+                assert_eq!((l.first_patch, l.first_patch + l.patch_count), (node.first_patch, r.first_patch));
+            }
+        }
+    }
+
+    #[test]
+    fn every_side_lies_in_one_sector_of_each_level() {
+        let rules = Rules { materials: &[DARK, DARK], both_sides: true, emit_both: false };
+        let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), rules);
+        assert!(records.sectors.windows(2).all(|w| w[0].name < w[1].name));
+        let whole: f32 = records.sectors.iter().filter(|s| s.tree_node == 0).map(|s| s.area_m2).sum();
+        assert_eq!(whole, 200.0);
+        let one_sided = Rules { both_sides: false, ..rules };
+        let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), one_sided);
+        let whole: f32 = records.sectors.iter().filter(|s| s.tree_node == 0).map(|s| s.area_m2).sum();
+        assert_eq!(whole, 100.0);
+    }
+
+    #[test]
+    fn before_the_first_iteration_only_emitters_shine_and_only_from_their_fronts() {
+        let lamp = Material { exitance: Rgb::grey(2.0), ..DARK };
+        let rules = Rules { materials: &[DARK, lamp], both_sides: true, emit_both: false };
+        let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), rules);
+        assert_eq!(records.emitters(), 50);
+        let payload = aligned(&records.light_at_start());
+        let view = LightView::parse(bytemuck::cast_slice(&payload)).unwrap();
+        assert_eq!(view.elements.len(), 200);
+        let at = |sector: u8| {
+            let name = NodeName::sector(ClusterId(9), sector, 0).0;
+            let s = view.sectors.iter().find(|s| s.name == name).unwrap();
+            (s.radiosity[0], s.spread)
+        };
+        assert_eq!(at(4), (1.0, 1.0), "+z: half of the tiles at 2, half at 0");
+        assert_eq!(at(5), (0.0, 0.0), "-z");
+        let both = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), Rules { emit_both: true, ..rules });
+        assert_eq!(both.materials.iter().filter(|m| m.exitance[0] > 0.0).count(), 100);
+    }
+}

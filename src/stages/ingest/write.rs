@@ -1,0 +1,330 @@
+//! The last pass: clusters into segments and catalogue rows, with the totals of the model.
+
+use std::path::Path;
+
+use bytemuck::{Pod, Zeroable};
+use xxhash_rust::xxh3::Xxh3;
+
+use super::clusters::for_each_cluster;
+use super::frame::Frame;
+use super::piece::{NONE, Piece};
+use super::read::Spilled;
+use super::record_file::RecordFile;
+use super::tree::{ClusterRecords, Rules};
+use crate::base::{ClusterId, Error, Progress, Result, Rgb};
+use crate::geom::bounds::Bounds;
+use crate::model::ExtentKind;
+use crate::model::geometry::PatchRecord;
+use crate::model::layout::{Arrays, ArraysBuilder};
+use crate::model::origin::{BakeCorner, PatchSource};
+use crate::model::rays::{ClusterRef, TOP};
+use crate::rays::build;
+use crate::store::ingest_rows::MaterialsRow;
+use crate::store::{ClusterRow, ExtentRef, IngestTx, SegmentWriter, Store};
+
+/// What a pass over the clusters needs.
+pub struct Source<'a> {
+    /// What was read.
+    pub spilled: &'a mut Spilled,
+    /// What the faces became.
+    pub pieces: &'a mut RecordFile<Piece>,
+    /// Where the store's origin lies.
+    pub frame: Frame,
+    /// How patches get their materials.
+    pub rules: Rules<'a>,
+    /// `--max-cluster-patches`.
+    pub most: usize,
+    /// Scratch folder, and memory for sorting.
+    pub scratch: (&'a Path, u64),
+}
+
+/// Sums over all clusters.
+#[derive(Default)]
+pub struct Totals {
+    /// Patches.
+    pub patches: u64,
+    /// Clusters.
+    pub clusters: u64,
+    /// Emitting patches.
+    pub emitters: u64,
+    /// Area, each patch once, m2.
+    pub area_m2: f64,
+    /// Power emitted, W.
+    pub emitted_w: Rgb,
+    /// Box round all patches, m from the origin.
+    pub bounds: Option<Bounds>,
+    /// Largest reflectance.
+    pub max_reflectance: f64,
+    area_squared: f64,
+    rho_area: f64,
+    side_area: f64,
+    geometry: Xxh3,
+    materials: Xxh3,
+}
+
+impl Totals {
+    fn add(&mut self, records: &ClusterRecords) {
+        self.clusters += 1;
+        self.patches += records.patches.len() as u64;
+        self.emitters += u64::from(records.emitters());
+        let own = Bounds::from_f32(records.head.min_m, records.head.max_m);
+        self.bounds = Some(self.bounds.map_or(own, |b| b.union(own)));
+        for (patch, sides) in records.patches.iter().zip(records.materials.chunks_exact(2)) {
+            let area = f64::from(patch.area_m2);
+            self.area_m2 += area;
+            self.area_squared += area * area;
+            for (i, side) in sides.iter().enumerate() {
+                self.emitted_w += Rgb::from_f32(side.exitance) * area;
+                if patch.sides >> i & 1 == 1 {
+                    let rho = Rgb::from_f32(side.rho);
+                    self.side_area += area;
+                    self.rho_area += rho.0.iter().sum::<f64>() / 3.0 * area;
+                    self.max_reflectance = self.max_reflectance.max(rho.max());
+                }
+            }
+        }
+    }
+
+    /// Area-weighted mean of the patches' areas, m2.
+    #[must_use]
+    pub fn mean_patch_area_m2(&self) -> f64 {
+        self.area_squared / self.area_m2
+    }
+
+    /// Area-weighted mean reflectance over channels and sides.
+    #[must_use]
+    pub fn mean_reflectance(&self) -> f64 {
+        self.rho_area / self.side_area
+    }
+
+    /// Hashes of all patches and trees, and of all materials.
+    #[must_use]
+    pub fn hashes(&self) -> (String, String) {
+        (format!("{:032x}", self.geometry.digest128()), format!("{:032x}", self.materials.digest128()))
+    }
+}
+
+/// Visits every cluster: its records and the pieces they came from.
+fn for_each(
+    source: &mut Source<'_>,
+    progress: &dyn Progress,
+    totals: &mut Totals,
+    mut visit: impl FnMut(&mut Spilled, &ClusterRecords, &[Piece]) -> Result<()>,
+) -> Result<()> {
+    progress.begin("write", "clusters", None);
+    let (rules, spilled) = (source.rules, &mut *source.spilled);
+    let mut of: Vec<Piece> = Vec::new();
+    for_each_cluster(source.pieces, source.most, source.scratch, |pieces, rows| {
+        if totals.clusters > u64::from(ClusterId::MAX) {
+            return Err(Error::TooLarge {
+                message: format!("the model has more than {} clusters", ClusterId::MAX),
+                help: "give a larger `--max-cluster-patches`, or split the model into several stores".to_owned(),
+            });
+        }
+        of.clear();
+        for row in rows {
+            of.push(pieces.get(*row)?);
+        }
+        let mut records = ClusterRecords::new(ClusterId(totals.clusters as u32), &of, rules);
+        records.head.object = of[0].object + 1;
+        totals.geometry.update(&records.geometry());
+        totals.materials.update(&records.materials_payload());
+        totals.add(&records);
+        visit(spilled, &records, &of)?;
+        progress.at(totals.clusters);
+        if progress.interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+    })
+}
+
+/// The segment files of an ingest.
+pub struct Writers {
+    /// In the order below; handed to the store at the end.
+    pub all: Vec<SegmentWriter>,
+}
+
+const GEOMETRY: usize = 0;
+const RAYS: usize = 1;
+const ORIGIN: usize = 2;
+const MATERIALS: usize = 3;
+const LIGHT: usize = 4;
+
+impl Writers {
+    /// Starts them; before the ingest's transaction.
+    pub fn create(store: &Store) -> Result<Self> {
+        let all = ["geometry", "rays", "origin", "materials", "light"]
+            .iter()
+            .map(|purpose| SegmentWriter::create(store, purpose))
+            .collect::<Result<_>>()?;
+        Ok(Self { all })
+    }
+}
+
+/// Writes all clusters; returns the totals and where the top of the ray structure lies.
+pub fn write_clusters(
+    source: &mut Source<'_>,
+    writers: &mut Writers,
+    tx: &mut IngestTx<'_>,
+    progress: &dyn Progress,
+) -> Result<(Totals, ExtentRef)> {
+    let mut totals = Totals::default();
+    let frame = source.frame;
+    // About 64 bytes per cluster: the one thing here that grows with the model, as the top of the
+    // ray structure does.
+    let mut tops = Vec::new();
+    for_each(source, progress, &mut totals, |spilled, records, pieces| {
+        let row = write_cluster(&mut writers.all, spilled, frame, records, pieces, &mut tops)?;
+        tx.add_cluster(&row)
+    })?;
+    let (nodes, clusters) = build::top(&tops);
+    let payload = ArraysBuilder::default().with(&nodes).with(&clusters).finish();
+    let top = writers.all[RAYS].append(ExtentKind::Rays, TOP, &payload)?;
+    Ok((totals, top))
+}
+
+fn write_cluster(
+    writers: &mut [SegmentWriter],
+    spilled: &mut Spilled,
+    frame: Frame,
+    records: &ClusterRecords,
+    pieces: &[Piece],
+    tops: &mut Vec<(ClusterRef, [f32; 3], [f32; 3])>,
+) -> Result<ClusterRow> {
+    let id = records.head.cluster;
+    let (rays, reference) = write_rays(&mut writers[RAYS], id, &records.patches)?;
+    tops.push((reference, records.head.min_m, records.head.max_m));
+    let ordered: Vec<&Piece> = records.order.iter().map(|i| &pieces[*i as usize]).collect();
+    let provenance = ArraysBuilder::default().with(&sources(&ordered)).finish();
+    let corners = bake_corners(spilled, frame, &ordered)?;
+    let bake = match corners.is_empty() {
+        true => None,
+        false => {
+            Some(writers[ORIGIN].append(ExtentKind::Bake, id, &ArraysBuilder::default().with(&corners).finish())?)
+        }
+    };
+    Ok(ClusterRow {
+        id: ClusterId(id),
+        object: records.head.object,
+        patches: records.head.patches,
+        emitters: records.emitters(),
+        area_m2: records.patches.iter().map(|p| f64::from(p.area_m2)).sum(),
+        min_m: records.head.min_m,
+        max_m: records.head.max_m,
+        geometry: writers[GEOMETRY].append(ExtentKind::Geometry, id, &records.geometry())?,
+        rays,
+        provenance: writers[ORIGIN].append(ExtentKind::Provenance, id, &provenance)?,
+        bake,
+        materials: writers[MATERIALS].append(ExtentKind::Materials, id, &records.materials_payload())?,
+        radiosity: writers[LIGHT].append(ExtentKind::Radiosity, id, &records.light_at_start())?,
+    })
+}
+
+fn write_rays(writer: &mut SegmentWriter, id: u32, patches: &[PatchRecord]) -> Result<(ExtentRef, ClusterRef)> {
+    let (nodes, ray_patches) = build::cluster(patches);
+    let payload = ArraysBuilder::default().with(&nodes).with(&ray_patches).finish();
+    let at = writer.append(ExtentKind::Rays, id, &payload)?;
+    let arrays = Arrays::new(&payload);
+    let place = |i| at.payload_at() + arrays.place(i).expect("just built").0 as u64;
+    let reference = ClusterRef {
+        nodes_at: place(0),
+        patches_at: place(1),
+        cluster: id,
+        nodes: nodes.len() as u32,
+        patches: ray_patches.len() as u32,
+        reserved: 0,
+    };
+    Ok((at, reference))
+}
+
+fn sources(pieces: &[&Piece]) -> Vec<PatchSource> {
+    let of = |(patch, piece): (usize, &&Piece)| {
+        let sources = piece.sources[..piece.source_count as usize].to_vec();
+        sources.into_iter().map(move |s| PatchSource {
+            patch: patch as u32,
+            file: s.file + 1,
+            line: s.line,
+            face: s.face,
+        })
+    };
+    pieces.iter().enumerate().flat_map(of).collect()
+}
+
+/// Corners as modelled; none if no face has texture coordinates or normals.
+fn bake_corners(spilled: &mut Spilled, frame: Frame, pieces: &[&Piece]) -> Result<Vec<BakeCorner>> {
+    let used = |p: &Piece| p.named[..p.corner_count as usize].to_vec();
+    if pieces.iter().all(|p| used(p).iter().all(|n| n.uv == NONE && n.normal == NONE)) {
+        return Ok(Vec::new());
+    }
+    let mut out = Vec::new();
+    for (patch, piece) in pieces.iter().enumerate() {
+        for (i, named) in used(piece).into_iter().enumerate() {
+            let position = match named.vertex {
+                NONE => frame.model_position(piece.corners_m[i]).to_array(),
+                row => spilled.positions.get(u64::from(row))?,
+            };
+            let uv = if u64::from(named.uv) < spilled.uvs.len() {
+                spilled.uvs.get(u64::from(named.uv))?
+            } else {
+                [f32::NAN; 2]
+            };
+            let normal = if u64::from(named.normal) < spilled.normals.len() {
+                spilled.normals.get(u64::from(named.normal))?
+            } else {
+                [f32::NAN; 3]
+            };
+            out.push(BakeCorner { position, uv, normal, corner: (patch * 4 + i) as u32 });
+        }
+    }
+    Ok(out)
+}
+
+/// A [`MaterialsRow`] as it waits on disk.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct WaitingRow {
+    materials: [u64; 3],
+    radiosity: [u64; 3],
+    cluster: u32,
+    emitters: u32,
+}
+
+fn words(at: ExtentRef) -> [u64; 3] {
+    [u64::from(at.segment), at.offset, at.bytes]
+}
+
+fn extent([segment, offset, bytes]: [u64; 3]) -> ExtentRef {
+    ExtentRef { segment: segment as u32, offset, bytes }
+}
+
+impl From<WaitingRow> for MaterialsRow {
+    fn from(row: WaitingRow) -> Self {
+        Self {
+            id: ClusterId(row.cluster),
+            emitters: row.emitters,
+            materials: extent(row.materials),
+            radiosity: extent(row.radiosity),
+        }
+    }
+}
+
+/// Writes materials and light only, for a model whose geometry is in the store already; the rows
+/// wait in a record file.
+pub fn write_materials(
+    source: &mut Source<'_>,
+    writers: &mut [SegmentWriter; 2],
+    progress: &dyn Progress,
+) -> Result<(Totals, RecordFile<WaitingRow>)> {
+    let mut totals = Totals::default();
+    let mut rows = RecordFile::create(source.scratch.0, "rows", 0)?;
+    for_each(source, progress, &mut totals, |_, records, _| {
+        let id = records.head.cluster;
+        let materials = writers[0].append(ExtentKind::Materials, id, &records.materials_payload())?;
+        let radiosity = writers[1].append(ExtentKind::Radiosity, id, &records.light_at_start())?;
+        rows.push(WaitingRow {
+            materials: words(materials),
+            radiosity: words(radiosity),
+            cluster: id,
+            emitters: records.emitters(),
+        })
+    })?;
+    Ok((totals, rows))
+}
