@@ -103,6 +103,7 @@ CREATE TABLE groups (
 CREATE TABLE branches (
     id INTEGER PRIMARY KEY,
     base_version INTEGER, -- null for branch 0
+    continued_from INTEGER, -- version that somebody asked to go on from when it was the newest
     cause TEXT NOT NULL,
     options_hash TEXT, -- null until somebody solves on it
     options TEXT,

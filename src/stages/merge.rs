@@ -25,6 +25,7 @@ pub struct Options {}
 pub struct Plan {
     /// Newest version of the branch.
     base: VersionRow,
+    branch: u64,
     /// All tasks of the iteration, by group; empty if there is nothing to merge.
     tasks: Vec<TaskRow>,
     tolerance: f64,
@@ -86,22 +87,21 @@ fn names(groups: &[u32]) -> String {
 
 /// Finds what can be merged; exit code 13 names groups that are missing or do not fit.
 pub fn plan(store: &Store, _options: &Options) -> Result<Plan> {
-    store.newest_version()?;
-    let branch = store.branch()?.ok_or_else(|| Error::NoStore { store: store.dir().to_path_buf() })?;
-    let base = store.newest_of_branch(branch.id)?;
+    let waiting = store.branches_to_merge()?;
+    let number = waiting.last().copied().map_or_else(|| store.newest_branch(), Ok)?;
+    let missing_row = || Error::damaged(store.dir(), format!("branch {number} has no row"));
+    let branch = store.branch(number)?.ok_or_else(missing_row)?;
+    let base = store.newest_of_branch(number)?;
     let dir = store.dir().display();
     let refuse = |message: String| Error::StageMissing {
         message: format!("{dir}: {message}"),
         help: format!("run `clerestory solve-group {dir} --until-done`, then merge again"),
     };
-    let stray = store.stray_updates(branch.id)?;
-    if let Some((other, _)) = stray.first() {
-        let groups: Vec<u32> = stray.iter().map(|(_, group)| *group).collect();
-        return Err(refuse(format!(
-            "updates of branch {other} wait, but the newest is {}: groups {}",
-            branch.id,
-            names(&groups)
-        )));
+    if let [others @ .., _] = waiting.as_slice()
+        && !others.is_empty()
+    {
+        let others: Vec<String> = others.iter().map(ToString::to_string).collect();
+        return Err(refuse(format!("updates of branch {number} wait, but also of branch {}", others.join(", "))));
     }
     let tasks = match store.iteration_under_way(branch.id)? {
         Some(iteration) => store.tasks(branch.id, iteration)?,
@@ -112,7 +112,7 @@ pub fn plan(store: &Store, _options: &Options) -> Result<Plan> {
         |wrong: &dyn Fn(&TaskRow) -> bool| -> Vec<u32> { tasks.iter().filter(|t| wrong(t)).map(|t| t.group).collect() };
     let done = groups_where(&|t| t.state == TaskState::Done);
     if done.is_empty() {
-        return Ok(Plan { base, tasks: Vec::new(), tolerance: 0.0 });
+        return Ok(Plan { base, branch: number, tasks: Vec::new(), tolerance: 0.0 });
     }
     let partition = partition?;
     let is_jacobi = |t: &TaskRow| t.order == UpdateOrder::Jacobi;
@@ -138,12 +138,12 @@ pub fn plan(store: &Store, _options: &Options) -> Result<Plan> {
         let iteration = tasks[0].iteration;
         return Err(refuse(format!("iteration {iteration} lacks groups {}", names(&missing))));
     }
-    Ok(Plan { base, tasks, tolerance: branch.tolerance.unwrap_or(0.0) })
+    Ok(Plan { base, branch: number, tasks, tolerance: branch.tolerance.unwrap_or(0.0) })
 }
 
 /// Publishes the versions.
 pub fn execute(store: &Store, plan: Plan, progress: &dyn Progress) -> Result<Summary> {
-    let Plan { mut base, mut tasks, tolerance } = plan;
+    let Plan { mut base, branch, mut tasks, tolerance } = plan;
     let jacobi = tasks.first().is_some_and(|t| t.order == UpdateOrder::Jacobi);
     let mut updates = 0;
     loop {
@@ -162,27 +162,27 @@ pub fn execute(store: &Store, plan: Plan, progress: &dyn Progress) -> Result<Sum
         }
         base = VersionRow { id: version, ..base };
     }
-    summarise(store, updates)
+    summarise(store, branch, updates)
 }
 
-/// Where things stand, as `merge` and `run` report it.
-pub fn summarise(store: &Store, updates: u64) -> Result<Summary> {
-    let end = store.newest_iteration_end()?;
-    let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), "the newest version is missing"))?;
+/// Where a branch stands, as `merge` and `run` report it.
+pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
+    let end = store.newest_end_of_branch(branch)?;
+    let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), format!("version {end} is missing")))?;
     let f = store.version_figures(end)?;
-    let branch = store.branch()?.map_or(row.branch, |b| b.id);
+    let converged = row.converged && row.branch == branch;
     let dir = store.dir().display();
-    let next = if row.converged && row.branch == branch {
+    let next = if converged {
         format!("clerestory render {dir} -o picture.png")
     } else {
         format!("clerestory solve-group {dir} --until-done")
     };
     Ok(Summary {
-        version: store.newest_version()?,
+        version: store.newest_of_branch(branch)?.id,
         branch,
         iterations: store.iterations_ended(branch)?,
         updates,
-        converged: row.converged && row.branch == branch,
+        converged,
         residual: row.residual,
         contraction: row.contraction,
         predicted_error: row.predicted_error,

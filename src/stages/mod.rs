@@ -1,5 +1,6 @@
 //! One file per verb: each plans, then executes; here alone the store meets the pure rooms.
 
+pub mod gc;
 pub mod group_links;
 pub mod group_solver;
 pub mod ingest;
@@ -8,6 +9,7 @@ pub mod partition;
 pub mod point_light;
 pub mod sample;
 pub mod solve_group;
+pub mod status;
 pub mod summary;
 pub mod tolerances;
 pub mod visibility;

@@ -73,6 +73,15 @@ impl Store {
         Ok(query.query_row([], |r| r.get(0))?)
     }
 
+    /// The newest end of an iteration of a branch, or the version that the branch starts from.
+    pub fn newest_end_of_branch(&self, branch: u64) -> Result<u64> {
+        let mut query = self.connection().prepare_cached(
+            "SELECT coalesce((SELECT max(id) FROM solution_versions WHERE branch = ?1 AND is_iteration_end = 1),
+                             (SELECT base_version FROM branches WHERE id = ?1))",
+        )?;
+        Ok(query.query_row([branch], |r| r.get(0))?)
+    }
+
     /// Ends of iterations of a branch, its start not counted.
     pub fn iterations_ended(&self, branch: u64) -> Result<u64> {
         let mut query = self.connection().prepare_cached(

@@ -45,6 +45,36 @@ impl Store {
         Ok(bytes)
     }
 
+    /// Cuts off what lies behind the published bytes of segment files that nobody writes, if no other
+    /// process has the store open; returns the bytes freed.
+    pub fn truncate_segments(&self) -> Result<u64> {
+        let path = self.dir().join(locks::READERS);
+        self.mappings.borrow_mut().clear();
+        // Our own shared lock becomes exclusive, or we are not alone.
+        self.readers().unlock().map_err(|e| Error::io(&path, &e))?;
+        let alone = locks::try_exclusive(self.readers(), &path)?;
+        let freed = if alone { self.cut_tails() } else { Ok(0) };
+        self.readers().unlock().map_err(|e| Error::io(&path, &e))?;
+        self.readers().lock_shared().map_err(|e| Error::io(&path, &e))?;
+        freed
+    }
+
+    fn cut_tails(&self) -> Result<u64> {
+        let mut query = self.connection().prepare("SELECT file, published_bytes FROM segments")?;
+        let mut rows = query.query([])?;
+        let mut freed = 0;
+        while let Some(row) = rows.next()? {
+            let (path, used) = (self.segment_path(&row.get::<_, String>(0)?), row.get::<_, u64>(1)?);
+            let Ok(file) = std::fs::OpenOptions::new().write(true).open(&path) else { continue };
+            let length = file.metadata().map_err(|e| Error::io(&path, &e))?.len();
+            if used < length && locks::try_exclusive(&file, &path)? {
+                file.set_len(used).map_err(|e| Error::io(&path, &e))?;
+                freed += length - used;
+            }
+        }
+        Ok(freed)
+    }
+
     /// Deletes the rows of unused segments and gives their files. Segments are made, and their
     /// extents published, in IMMEDIATE transactions too: none changes under us.
     fn forget_unreferenced(&self, tx: &Transaction<'_>) -> Result<(u64, Vec<PathBuf>)> {

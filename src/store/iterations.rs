@@ -113,7 +113,8 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
     };
     let joined: Option<u64> = tx
         .query_row(
-            "SELECT id FROM branches WHERE base_version = ?1 AND options_hash = ?2 ORDER BY id DESC LIMIT 1",
+            "SELECT id FROM branches WHERE (base_version = ?1 OR continued_from = ?1) AND options_hash = ?2
+             ORDER BY id DESC LIMIT 1",
             params![version, settings.options_hash],
             |r| r.get(0),
         )
@@ -121,14 +122,23 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
     if let Some(branch) = joined {
         return Ok(branch);
     }
-    let hash: Option<String> =
-        tx.query_row("SELECT options_hash FROM branches WHERE id = ?1", [row.branch], |r| r.get(0))?;
-    let is_newest = newest_of(tx, row.branch)?.id == version;
-    match hash {
-        None if is_newest => adopt(tx, row.branch, settings).map(|()| row.branch),
-        Some(hash) if is_newest && hash == settings.options_hash => Ok(row.branch),
-        _ => open_branch(tx, version, settings),
+    let (hash, is_kept): (Option<String>, bool) = tx.query_row(
+        "SELECT b.options_hash, v.is_kept FROM solution_versions v JOIN branches b ON b.id = v.branch WHERE v.id = ?1",
+        [version],
+        |r| Ok((r.get(0)?, r.get(1)?)),
+    )?;
+    if !is_kept {
+        return Err(Error::Usage {
+            message: format!("{}: gc has removed version {version}", store.dir().display()),
+            help: "go on from a version that is still kept".to_owned(),
+        });
     }
+    if newest_of(tx, row.branch)?.id != version || hash.is_some_and(|hash| hash != settings.options_hash) {
+        return open_branch(tx, version, settings);
+    }
+    adopt(tx, row.branch, settings)?;
+    tx.execute("UPDATE branches SET continued_from = ?2 WHERE id = ?1", [row.branch, version])?;
+    Ok(row.branch)
 }
 
 /// Gives its options to a branch that nobody has solved on yet.

@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::{ProcessGuard, Store};
+use super::{ProcessGuard, Store, coordinator};
 use crate::base::{Error, Result};
 
 /// One coordinator at a time: run, ingest, visibility, partition.
@@ -54,9 +54,10 @@ pub(super) fn is_free(path: &Path) -> Result<bool> {
     }
 }
 
-/// The right to coordinate a store: one process at a time.
+/// The right to coordinate a store: one process at a time. A coordinator's children work under its
+/// lock.
 pub struct RunLock<'s> {
-    _file: File,
+    _file: Option<File>,
     _process: ProcessGuard<'s>,
 }
 
@@ -66,11 +67,16 @@ impl<'s> RunLock<'s> {
     pub fn take(store: &'s Store, command: &str) -> Result<Self> {
         let path = store.dir().join(RUN);
         let file = open(&path)?;
+        if !try_exclusive(&file, &path)? && coordinator::is_parent(store)? {
+            coordinator::follow(store)?;
+            let process = ProcessGuard::enter(store, command, None)?;
+            return Ok(Self { _file: None, _process: process });
+        }
         if !exclusive_within(&file, &path, store.wait())? {
             return Err(Error::Busy { store: store.dir().to_path_buf(), holder: store.holder() });
         }
         let process = ProcessGuard::enter_with_lock(store, command)?;
-        Ok(Self { _file: file, _process: process })
+        Ok(Self { _file: Some(file), _process: process })
     }
 }
 

@@ -51,6 +51,29 @@ pub struct TaskRow {
     pub report: Option<TaskReport>,
 }
 
+/// How many tasks stand where.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TaskCounts {
+    /// Nobody has claimed them.
+    pub free: u64,
+    /// Workers solve them.
+    pub running: u64,
+    /// Solved, not merged.
+    pub done: u64,
+    /// Part of a version.
+    pub merged: u64,
+    /// Their workers died too often.
+    pub failed: u64,
+}
+
+impl TaskCounts {
+    /// All of them.
+    #[must_use]
+    pub fn total(self) -> u64 {
+        self.free + self.running + self.done + self.merged + self.failed
+    }
+}
+
 /// A branch's settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BranchRow {
@@ -115,12 +138,18 @@ fn state_of(text: &str) -> Result<TaskState> {
 }
 
 impl Store {
-    /// The newest branch; `None` before ingest.
-    pub fn branch(&self) -> Result<Option<BranchRow>> {
-        let mut query = self.connection().prepare_cached(
-            "SELECT id, base_version, options_hash, tolerance FROM branches ORDER BY id DESC LIMIT 1",
-        )?;
-        let row = query.query_row([], |r| {
+    /// The newest branch; exit code 13 before ingest.
+    pub fn newest_branch(&self) -> Result<u64> {
+        self.newest_version()?;
+        Ok(self.connection().query_row("SELECT max(id) FROM branches", [], |r| r.get(0))?)
+    }
+
+    /// A branch's settings.
+    pub fn branch(&self, id: u64) -> Result<Option<BranchRow>> {
+        let mut query = self
+            .connection()
+            .prepare_cached("SELECT id, base_version, options_hash, tolerance FROM branches WHERE id = ?1")?;
+        let row = query.query_row([id], |r| {
             Ok(BranchRow { id: r.get(0)?, base_version: r.get(1)?, options_hash: r.get(2)?, tolerance: r.get(3)? })
         });
         Ok(row.optional()?)
@@ -139,13 +168,33 @@ impl Store {
         Ok(query.query_row([branch], |r| r.get(0))?)
     }
 
-    /// Tasks that are done but not merged on another branch than `branch`, as (branch, group).
-    pub fn stray_updates(&self, branch: u64) -> Result<Vec<(u64, u32)>> {
-        let mut query = self.connection().prepare_cached(
-            "SELECT branch, group_id FROM tasks WHERE state = 'done' AND branch <> ?1 ORDER BY branch, group_id",
-        )?;
-        let rows = query.query_map([branch], |r| Ok((r.get(0)?, r.get(1)?)))?;
+    /// Branches with tasks that are done but not merged, ascending.
+    pub fn branches_to_merge(&self) -> Result<Vec<u64>> {
+        let mut query = self
+            .connection()
+            .prepare_cached("SELECT DISTINCT branch FROM tasks WHERE state = 'done' ORDER BY branch")?;
+        let rows = query.query_map([], |r| r.get(0))?;
         Ok(rows.collect::<std::result::Result<_, _>>()?)
+    }
+
+    /// How many tasks of an iteration stand where.
+    pub fn task_counts(&self, branch: u64, iteration: u64) -> Result<TaskCounts> {
+        let mut query = self
+            .connection()
+            .prepare_cached("SELECT state, count(*) FROM tasks WHERE branch = ?1 AND iteration = ?2 GROUP BY state")?;
+        let mut rows = query.query(params![branch, iteration])?;
+        let mut counts = TaskCounts::default();
+        while let Some(row) = rows.next()? {
+            let count: u64 = row.get(1)?;
+            match state_of(&row.get::<_, String>(0)?)? {
+                TaskState::Free => counts.free = count,
+                TaskState::Running => counts.running = count,
+                TaskState::Done => counts.done = count,
+                TaskState::Merged => counts.merged = count,
+                TaskState::Failed => counts.failed = count,
+            }
+        }
+        Ok(counts)
     }
 
     /// The tasks of an iteration, in the order of their groups.

@@ -7,6 +7,7 @@
 
 pub mod branches;
 pub mod catalogue;
+mod coordinator;
 pub mod extent;
 pub mod extent_header;
 #[cfg(test)]
@@ -18,6 +19,7 @@ pub mod locks;
 pub mod merging;
 pub mod model_facts;
 pub mod mounts;
+mod old_versions;
 pub mod partition_rows;
 pub mod processes;
 pub mod segment;

@@ -3,7 +3,7 @@
 
 use rusqlite::{Transaction, params};
 
-use super::{SegmentWriter, Store, locks};
+use super::{SegmentWriter, Store, coordinator, locks};
 use crate::base::{ClusterId, Result};
 
 /// This process as a worker.
@@ -15,8 +15,10 @@ pub struct Worker<'s> {
 }
 
 impl<'s> Worker<'s> {
-    /// Starts a worker with a new segment file. One worker works on one iteration.
+    /// Starts a worker with a new segment file. One worker works on one iteration; started by a
+    /// coordinator, it ends with it.
     pub fn start(store: &'s Store) -> Result<Self> {
+        coordinator::follow(store)?;
         let segment = SegmentWriter::create(store, "update")?;
         let id = store.write(|tx| {
             drop_dead(store, tx)?;

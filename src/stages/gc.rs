@@ -1,0 +1,94 @@
+//! `gc`: removes all but version 0 and the newest ends of iterations of each branch, and unused bytes.
+
+use serde::Serialize;
+
+use crate::base::{Progress, Result};
+use crate::store::Store;
+
+/// Flags of `gc`.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// `--keep`: ends of iterations kept per branch, version 0 besides.
+    pub keep: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { keep: 2 }
+    }
+}
+
+/// What `gc` will keep.
+pub struct Plan {
+    keep: u64,
+}
+
+/// What `gc` did.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Summary {
+    /// Versions that can no longer be read.
+    pub versions_removed: u64,
+    /// Bytes given back to the disk.
+    pub bytes_freed: u64,
+    /// The command to type next.
+    pub next: Option<String>,
+}
+
+/// Plans.
+pub fn plan(store: &Store, options: &Options) -> Result<Plan> {
+    store.newest_version()?;
+    Ok(Plan { keep: options.keep })
+}
+
+/// Rows first, then whole files, then tails of files.
+pub fn execute(store: &Store, plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
+    progress.begin("remove", "versions", None);
+    let versions_removed = store.forget_old_versions(plan.keep)?;
+    progress.at(versions_removed);
+    let mut bytes_freed = store.drop_unreferenced_segments()?;
+    bytes_freed += store.truncate_segments()?;
+    store.checkpoint()?;
+    let next = Some(format!("clerestory status {}", store.dir().display()));
+    Ok(Summary { versions_removed, bytes_freed, next })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{ClusterId, Quiet};
+    use crate::model::ExtentKind;
+    use crate::model::order::UpdateOrder;
+    use crate::stages::merge;
+    use crate::store::{Snapshot, Worker, fixture};
+
+    #[test]
+    fn kept_versions_keep_their_bytes_and_removed_ones_say_so() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 7);
+        fixture::partition(&store, 3);
+        // Group 0 changes in even iterations only: version 7 resolves to its rows of version 6.
+        for i in 1..=8u8 {
+            let mut worker = Worker::start(&store).unwrap();
+            let iteration = store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap();
+            while let Some(lease) = store.claim(&iteration, &worker, &mut fixture::first).unwrap() {
+                let irradiance = if lease.group == 0 { i / 2 + 1 } else { i };
+                assert!(fixture::solve(&store, &lease, &mut worker, f32::from(irradiance)));
+            }
+            drop(worker);
+            merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+        }
+        let bytes = |version| -> Vec<Vec<u8>> {
+            let snapshot = Snapshot::at(&store, version).unwrap();
+            (0..7).map(|c| snapshot.need(ExtentKind::Radiosity, ClusterId(c)).unwrap().payload().to_vec()).collect()
+        };
+        let before: Vec<_> = [0, 6, 7, 8].map(&bytes).to_vec();
+        let summary = execute(&store, &Plan { keep: 3 }, &Quiet).unwrap();
+        assert_eq!(summary.versions_removed, 5);
+        assert!(summary.bytes_freed > 0);
+        assert_eq!([0, 6, 7, 8].map(&bytes).to_vec(), before);
+        assert_eq!(Snapshot::at(&store, 5).err().unwrap().exit_code(), 2);
+        assert!(store.version(5).unwrap().unwrap().residual.is_some(), "figures stay");
+        let again = execute(&store, &Plan { keep: 3 }, &Quiet).unwrap();
+        assert_eq!((again.versions_removed, again.bytes_freed), (0, 0));
+    }
+}
