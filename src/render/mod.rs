@@ -1,1 +1,5 @@
-//! (to be written)
+//! Pictures of a solution. Pure: light in, pixels out.
+
+pub mod camera;
+pub mod smooth;
+pub mod tone;

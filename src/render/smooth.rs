@@ -1,0 +1,87 @@
+//! Smooth light over one patch side: values at element corners are means of the leaves that meet
+//! there; inside a leaf they are interpolated. Never across patches, so never through walls.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use crate::base::{NodeName, Rgb};
+use crate::geom::grid::{GridPoint, element_corners};
+use crate::geom::polygon::Polygon;
+
+/// Corner values of a patch side.
+pub struct SmoothSide {
+    corners: HashMap<GridPoint, (Rgb, f64)>,
+    corner_count: usize,
+}
+
+impl SmoothSide {
+    /// From the side's leaves and what each has.
+    #[must_use]
+    pub fn new(corner_count: usize, leaves: impl Iterator<Item = (NodeName, Rgb)>) -> Self {
+        let mut corners: HashMap<GridPoint, (Rgb, f64)> = HashMap::new();
+        for (leaf, value) in leaves {
+            for point in &element_corners(corner_count, leaf.path())[..corner_count] {
+                let at = corners.entry(*point).or_default();
+                at.0 += value;
+                at.1 += 1.0;
+            }
+        }
+        Self { corners, corner_count }
+    }
+
+    /// Values at a leaf's corners.
+    #[must_use]
+    pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
+        element_corners(self.corner_count, leaf.path())
+            .map(|point| self.corners.get(&point).map_or(Rgb::BLACK, |(sum, count)| *sum * (1.0 / count)))
+    }
+
+    /// The value at a point of a leaf.
+    #[must_use]
+    pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
+        let values = self.at_corners(leaf);
+        let weights = mean_value_weights(shape.corners(), point);
+        (0..self.corner_count).fold(Rgb::BLACK, |sum, i| sum + values[i] * weights[i])
+    }
+}
+
+/// Mean value coordinates of a point of a convex polygon: at most four corners, adding up to 1.
+///
+/// Source: Floater 2003, "Mean value coordinates".
+fn mean_value_weights(corners: &[DVec3], point: DVec3) -> [f64; 4] {
+    let n = corners.len();
+    let scale = corners.iter().map(|c| c.distance(point)).fold(0.0, f64::max);
+    let mut weights = [0.0; 4];
+    let half_tangent = |a: DVec3, b: DVec3| {
+        let (la, lb) = (a.length(), b.length());
+        a.cross(b).length() / (la * lb + a.dot(b)).max(1e-12 * la * lb)
+    };
+    for i in 0..n {
+        let to = corners[i] - point;
+        if to.length() <= 1e-9 * scale {
+            weights = [0.0; 4];
+            weights[i] = 1.0;
+            return weights;
+        }
+        let (before, after) = (corners[(i + n - 1) % n] - point, corners[(i + 1) % n] - point);
+        weights[i] = (half_tangent(before, to) + half_tangent(to, after)) / to.length();
+    }
+    let sum: f64 = weights.iter().sum();
+    weights.map(|w| w / sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_value_weights_reproduce_the_point() {
+        let c = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(2.0, 2.0, 0.0), DVec3::new(0.0, 1.0, 0.0)];
+        for p in [DVec3::new(1.0, 0.5, 0.0), DVec3::new(0.1, 0.1, 0.0), c[2]] {
+            let w = mean_value_weights(&c, p);
+            let back = (0..4).fold(DVec3::ZERO, |s, i| s + c[i] * w[i]);
+            assert!((back - p).length() < 1e-9, "{back} for {p}");
+        }
+    }
+}
