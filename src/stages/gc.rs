@@ -34,6 +34,17 @@ pub struct Summary {
     pub next: Option<String>,
 }
 
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let mib = self.bytes_freed as f64 / f64::from(1 << 20);
+        vec![format!("{} versions removed, {mib:.1} MiB freed", self.versions_removed)]
+    }
+
+    fn next(&self) -> Option<String> {
+        self.next.clone()
+    }
+}
+
 /// Plans.
 pub fn plan(store: &Store, options: &Options) -> Result<Plan> {
     store.newest_version()?;

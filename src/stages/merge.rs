@@ -78,11 +78,39 @@ pub struct Summary {
     pub next: Option<String>,
 }
 
-fn names(groups: &[u32]) -> String {
+/// The first few groups, as text.
+pub(super) fn names(groups: &[u32]) -> String {
     const SHOWN: usize = 10;
     let shown: Vec<String> = groups.iter().take(SHOWN).map(ToString::to_string).collect();
     let more = groups.len().saturating_sub(SHOWN);
     if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+}
+
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let mut lines = vec![format!(
+            "version {}, {} iterations on branch {}, {}",
+            self.version,
+            self.iterations,
+            self.branch,
+            if self.converged { "converged" } else { "not converged" }
+        )];
+        if let (Some(residual), Some(error)) = (self.residual, self.predicted_error) {
+            lines.push(format!("residual {residual:.2e}, error left by stopping here {error:.2e}"));
+        }
+        if let (Some(elements), Some(links), Some(rays)) = (self.elements, self.links_stored, self.rays) {
+            lines.push(format!("{elements} elements, {links} links, {rays} rays in the last iteration"));
+        }
+        if let (Some(emitted), Some(balance)) = (self.emitted_w, self.energy_balance) {
+            let [r, g, b] = emitted;
+            lines.push(format!("emitted {r:.4} {g:.4} {b:.4} W, energy balance {balance:.2e}"));
+        }
+        lines
+    }
+
+    fn next(&self) -> Option<String> {
+        self.next.clone()
+    }
 }
 
 /// Finds what can be merged; exit code 13 names groups that are missing or do not fit.

@@ -1,5 +1,6 @@
 //! One file per verb: each plans, then executes; here alone the store meets the pure rooms.
 
+pub mod children;
 pub mod gc;
 pub mod group_links;
 pub mod group_solver;
@@ -7,6 +8,7 @@ pub mod ingest;
 pub mod merge;
 pub mod partition;
 pub mod point_light;
+pub mod run;
 pub mod sample;
 pub mod solve_group;
 pub mod status;

@@ -44,6 +44,29 @@ pub struct Summary {
     pub next: Option<String>,
 }
 
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let stages: Vec<String> = self.stages.iter().map(|s| format!("{} {}", s.name, s.state)).collect();
+        let mut lines = vec![stages.join(", ")];
+        if let (Some(version), Some(branch), Some(iteration)) = (self.version, self.branch, self.iteration) {
+            let residual = self.residual.map_or(String::new(), |r| format!(", residual {r:.2e}"));
+            let converged = if self.converged { ", converged" } else { "" };
+            lines.push(format!(
+                "version {version}, branch {branch}, iteration {iteration}: {} of {} groups{residual}{converged}",
+                self.groups_done, self.groups_total
+            ));
+        }
+        for p in &self.processes {
+            lines.push(format!("pid {} on {} since {}: {}", p.pid, p.host, p.since, p.command));
+        }
+        lines
+    }
+
+    fn next(&self) -> Option<String> {
+        self.next.clone()
+    }
+}
+
 /// Reads where the store stands.
 pub fn read(store: &Store, _options: &Options) -> Result<Summary> {
     let stages = [Stage::Ingest, Stage::Visibility, Stage::Partition]

@@ -1,0 +1,299 @@
+//! `run`: everything from model to converged solution, with worker processes; itself restartable.
+//!
+//! Starts ingest, visibility and partition, each of which knows whether it has anything to do; then,
+//! iteration by iteration, workers that solve groups, merging what they publish.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::children::{self, Ended, LOOK, Running, Used};
+use super::{merge, solve_group};
+use crate::base::{Error, Progress, Result};
+use crate::store::merging::TaskState;
+use crate::store::{Iteration, RunLock, Store};
+
+/// Deaths of one stage, or of workers in a row without progress, after which the run fails.
+const DEATHS: u32 = 3;
+
+/// How often leases of other processes' workers are looked at.
+const LOOK_AT_LEASES: Duration = Duration::from_secs(1);
+
+/// Flags of `run`, and the command lines of its children (verb first, without the program).
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Store folder.
+    pub store: PathBuf,
+    /// This program.
+    pub program: PathBuf,
+    /// `ingest STORE MODEL...`; none if no model is given: the store must be there.
+    pub ingest: Option<Vec<OsString>>,
+    /// `visibility STORE ...`.
+    pub visibility: Vec<OsString>,
+    /// `partition STORE ...`.
+    pub partition: Vec<OsString>,
+    /// `solve-group STORE --until-done ...`, with the options in `solve`.
+    pub worker: Vec<OsString>,
+    /// What the workers solve with.
+    pub solve: solve_group::Options,
+    /// `--workers`.
+    pub workers: usize,
+    /// `--max-iterations`.
+    pub max_iterations: u64,
+    /// `--keep`.
+    pub keep: u64,
+    /// `--wait`.
+    pub wait: Duration,
+}
+
+/// What `run` is going to start.
+pub struct Plan {
+    options: Options,
+    /// The children's command lines, in order; the last for each worker.
+    pub commands: Vec<Vec<OsString>>,
+}
+
+/// What `run` reached.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// The solution's figures.
+    #[serde(flatten)]
+    pub solution: merge::Summary,
+    /// Patches.
+    pub patches: u64,
+    /// Clusters.
+    pub clusters: u64,
+    /// Emitting patches.
+    pub emitters: u64,
+    /// Area, each patch once, m2.
+    pub area_m2: f64,
+    /// Worker processes.
+    pub workers: usize,
+    /// Largest anonymous memory of the coordinator, bytes.
+    pub coordinator_anon_bytes: u64,
+    /// Groups whose workers died too often.
+    pub failed_groups: Vec<u32>,
+    /// What the children used; the command line adds its own.
+    #[serde(skip)]
+    pub used: Used,
+}
+
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let mut lines = vec![format!("{} patches in {} clusters, {:.1} m2", self.patches, self.clusters, self.area_m2)];
+        lines.extend(super::summary::Summary::lines(&self.solution));
+        lines
+    }
+
+    fn next(&self) -> Option<String> {
+        self.solution.next.clone()
+    }
+
+    fn shortfall(&self) -> Option<Error> {
+        if !self.failed_groups.is_empty() {
+            return Some(Error::NotConverged {
+                message: format!("groups {} failed: their workers died", merge::names(&self.failed_groups)),
+                help: "run the same command again; if they fail again, give more `--memory`".to_owned(),
+            });
+        }
+        (!self.solution.converged).then(|| Error::NotConverged {
+            message: format!("not converged after {} iterations", self.solution.iterations),
+            help: "run the same command with a larger `--max-iterations`: it goes on from here".to_owned(),
+        })
+    }
+}
+
+/// Lists what will be started.
+pub fn plan(options: &Options) -> Result<Plan> {
+    if options.ingest.is_none() {
+        Store::open(&options.store, options.wait)?;
+    }
+    let mut commands: Vec<Vec<OsString>> = options.ingest.iter().cloned().collect();
+    commands.extend([options.visibility.clone(), options.partition.clone(), options.worker.clone()]);
+    Ok(Plan { options: options.clone(), commands })
+}
+
+/// Runs. A summary that is not converged, or has failed groups, says so in `shortfall`.
+pub fn execute(plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
+    let options = &plan.options;
+    let is_new = !options.store.exists();
+    let store = Store::create(&options.store, options.wait)?;
+    let _lock = RunLock::take(&store, &format!("clerestory run --store {}", options.store.display()))?;
+    let mut coordinator = Coordinator { options, store: &store, progress, used: Used::default(), anon_bytes: 0 };
+    if let Some(args) = &options.ingest {
+        let done = coordinator.stage("ingest", args);
+        if done.is_err() && is_new && store.facts_if_any()?.is_none() {
+            // The error is what matters; a folder that stays behind does no harm.
+            let _ = std::fs::remove_dir_all(&options.store);
+        }
+        done?;
+    }
+    coordinator.stage("visibility", &options.visibility)?;
+    coordinator.stage("partition", &options.partition)?;
+    store.forgive_deaths()?;
+    let (branch, failed_groups) = coordinator.iterate()?;
+    let facts = store.facts()?;
+    Ok(Summary {
+        solution: merge::summarise(&store, branch, 0)?,
+        patches: facts.patches,
+        clusters: facts.clusters,
+        emitters: facts.emitters,
+        area_m2: facts.area_m2,
+        workers: options.workers,
+        coordinator_anon_bytes: coordinator.anon_bytes,
+        failed_groups,
+        used: coordinator.used,
+    })
+}
+
+struct Coordinator<'a> {
+    options: &'a Options,
+    store: &'a Store,
+    progress: &'a dyn Progress,
+    used: Used,
+    anon_bytes: u64,
+}
+
+impl Coordinator<'_> {
+    /// Sleeps a little between looks at the children.
+    fn rest(&mut self) {
+        std::thread::sleep(LOOK);
+        self.anon_bytes = self.anon_bytes.max(anon_bytes());
+    }
+
+    /// Runs a stage to its end, again if it dies.
+    fn stage(&mut self, name: &str, args: &[OsString]) -> Result<()> {
+        self.progress.begin(name, "", None);
+        let mut deaths = 0;
+        loop {
+            let mut child = Running::start(&self.options.program, args)?;
+            let ended = loop {
+                if let Some(ended) = child.ended(&mut self.used, self.progress)? {
+                    break ended;
+                }
+                if self.progress.interrupted() {
+                    children::stop(vec![child], &mut self.used, self.progress)?;
+                    return Err(Error::Interrupted);
+                }
+                self.rest();
+            };
+            match ended {
+                Ended::Done => return Ok(()),
+                Ended::Failed(error) => return Err(error),
+                Ended::Died(how) => {
+                    deaths += 1;
+                    self.progress.warn(&format!("{name} died ({how}), {deaths} of {DEATHS} times."));
+                    if deaths == DEATHS {
+                        return Err(died(name, &how));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Iterates until converged, out of iterations, or stuck on failed groups. Gives the branch and
+    /// those groups.
+    fn iterate(&mut self) -> Result<(u64, Vec<u32>)> {
+        let settings = self.options.solve.settings();
+        loop {
+            let iteration = self.store.open_iteration(self.options.solve.version, &settings)?;
+            let branch = iteration.branch;
+            let ended = self.store.iterations_ended(branch)?;
+            if iteration.converged || ended >= self.options.max_iterations {
+                return Ok((branch, Vec::new()));
+            }
+            let failed = self.solve(&iteration)?;
+            if !failed.is_empty() {
+                return Ok((branch, failed));
+            }
+            self.store.forget_old_versions(self.options.keep)?;
+            self.store.drop_unreferenced_segments()?;
+        }
+    }
+
+    /// Has all groups of an iteration solved and merged; gives the groups that failed.
+    fn solve(&mut self, iteration: &Iteration) -> Result<Vec<u32>> {
+        let (branch, number) = (iteration.branch, iteration.number);
+        let order = self.store.tasks(branch, number)?.first().map_or(self.options.solve.order, |t| t.order);
+        let counts = self.store.task_counts(branch, number)?;
+        self.progress.begin(&format!("iteration {number}"), "groups", Some(counts.total()));
+        let mut workers: Vec<Running> = Vec::new();
+        let mut deaths = 0;
+        let mut looked = Instant::now();
+        loop {
+            let mut running = Vec::new();
+            for mut worker in std::mem::take(&mut workers) {
+                match worker.ended(&mut self.used, self.progress)? {
+                    None => running.push(worker),
+                    Some(Ended::Done) => deaths = 0,
+                    Some(Ended::Failed(error)) => return Err(error),
+                    Some(Ended::Died(how)) => {
+                        deaths += 1;
+                        self.progress.warn(&format!("A worker died ({how}); another takes its place."));
+                        self.store.release_dead(iteration)?;
+                        let before = self.store.task_counts(branch, number)?;
+                        // Deaths while holding a group are counted there.
+                        if deaths > DEATHS * (before.total() as u32).max(1) {
+                            return Err(died("solve-group", &how));
+                        }
+                    }
+                }
+            }
+            workers = running;
+            if self.progress.interrupted() {
+                children::stop(workers, &mut self.used, self.progress)?;
+                return Err(Error::Interrupted);
+            }
+            if looked.elapsed() >= LOOK_AT_LEASES {
+                self.store.release_dead(iteration)?;
+                looked = Instant::now();
+            }
+            let counts = self.store.task_counts(branch, number)?;
+            self.progress.at(counts.done + counts.merged);
+            let waits_for_all = order == crate::model::order::UpdateOrder::Jacobi;
+            if counts.done > 0 && (!waits_for_all || counts.done == counts.total()) {
+                merge::execute(self.store, merge::plan(self.store, &merge::Options::default())?, self.progress)?;
+                continue;
+            }
+            if counts.merged == counts.total() {
+                return Ok(Vec::new());
+            }
+            if counts.free + counts.running + counts.done == 0 || (waits_for_all && counts.free + counts.running == 0) {
+                return self.failed_groups(iteration);
+            }
+            let useful = match order {
+                crate::model::order::UpdateOrder::Sequential => u64::from(counts.running == 0 && counts.free > 0),
+                _ => counts.free,
+            };
+            let wanted = (workers.len() as u64 + useful).min(self.options.workers as u64);
+            // A worker that has just been started will claim one of the free groups.
+            if workers.len() as u64 <= counts.running {
+                while (workers.len() as u64) < wanted {
+                    workers.push(Running::start(&self.options.program, &self.options.worker)?);
+                }
+            }
+            self.rest();
+        }
+    }
+
+    fn failed_groups(&self, iteration: &Iteration) -> Result<Vec<u32>> {
+        let tasks = self.store.tasks(iteration.branch, iteration.number)?;
+        Ok(tasks.iter().filter(|t| t.state == TaskState::Failed).map(|t| t.group).collect())
+    }
+}
+
+fn died(name: &str, how: &str) -> Error {
+    Error::failed(
+        format!("{name} died {DEATHS} times, last with {how}"),
+        format!("run `clerestory {name}` by itself with -v to see why"),
+    )
+}
+
+/// Anonymous memory of this process, bytes; 0 where the kernel does not say.
+fn anon_bytes() -> u64 {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
+    let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"));
+    line.and_then(|l| l.trim().trim_end_matches(" kB").parse::<u64>().ok()).map_or(0, |kib| kib << 10)
+}
