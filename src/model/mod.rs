@@ -5,6 +5,7 @@
 //! bytes.
 
 pub mod geometry;
+pub mod invariants;
 pub mod layout;
 pub mod light;
 pub mod links;

@@ -12,11 +12,15 @@ use serde::Serialize;
 use super::children::{self, Ended, LOOK, Running, Used};
 use super::{merge, solve_group};
 use crate::base::{Error, Progress, Result};
+use crate::model::order::UpdateOrder;
 use crate::store::merging::TaskState;
 use crate::store::{Iteration, RunLock, Store};
 
 /// Deaths of one stage, or of workers in a row without progress, after which the run fails.
-const DEATHS: u32 = 3;
+const DEATHS: u64 = 3;
+
+/// Workers per process that may end without anything solved meanwhile before the run fails.
+const IDLE: usize = 20;
 
 /// How often leases of other processes' workers are looked at.
 const LOOK_AT_LEASES: Duration = Duration::from_secs(1);
@@ -220,22 +224,22 @@ impl Coordinator<'_> {
         let counts = self.store.task_counts(branch, number)?;
         self.progress.begin(&format!("iteration {number}"), "groups", Some(counts.total()));
         let mut workers: Vec<Running> = Vec::new();
-        let mut deaths = 0;
+        let (mut deaths, mut idle) = (0, 0);
+        let mut solved = counts.done + counts.merged;
         let mut looked = Instant::now();
         loop {
             let mut running = Vec::new();
             for mut worker in std::mem::take(&mut workers) {
                 match worker.ended(&mut self.used, self.progress)? {
                     None => running.push(worker),
-                    Some(Ended::Done) => deaths = 0,
+                    Some(Ended::Done) => idle += 1,
                     Some(Ended::Failed(error)) => return Err(error),
                     Some(Ended::Died(how)) => {
                         deaths += 1;
                         self.progress.warn(&format!("A worker died ({how}); another takes its place."));
                         self.store.release_dead(iteration)?;
-                        let before = self.store.task_counts(branch, number)?;
-                        // Deaths while holding a group are counted there.
-                        if deaths > DEATHS * (before.total() as u32).max(1) {
+                        // Deaths with a group in hand are the group's; these come before any group.
+                        if deaths > DEATHS * counts.total() {
                             return Err(died("solve-group", &how));
                         }
                     }
@@ -251,8 +255,17 @@ impl Coordinator<'_> {
                 looked = Instant::now();
             }
             let counts = self.store.task_counts(branch, number)?;
-            self.progress.at(counts.done + counts.merged);
-            let waits_for_all = order == crate::model::order::UpdateOrder::Jacobi;
+            if counts.done + counts.merged > solved {
+                (solved, deaths, idle) = (counts.done + counts.merged, 0, 0);
+            }
+            if idle > IDLE * self.options.workers {
+                return Err(Error::failed(
+                    format!("workers find nothing to do, but {} groups of iteration {number} are free", counts.free),
+                    "run `clerestory solve-group STORE --until-done` by itself to see why",
+                ));
+            }
+            self.progress.at(solved);
+            let waits_for_all = order == UpdateOrder::Jacobi;
             if counts.done > 0 && (!waits_for_all || counts.done == counts.total()) {
                 merge::execute(self.store, merge::plan(self.store, &merge::Options::default())?, self.progress)?;
                 continue;
@@ -264,7 +277,7 @@ impl Coordinator<'_> {
                 return self.failed_groups(iteration);
             }
             let useful = match order {
-                crate::model::order::UpdateOrder::Sequential => u64::from(counts.running == 0 && counts.free > 0),
+                UpdateOrder::Sequential => u64::from(counts.running == 0 && counts.free > 0),
                 _ => counts.free,
             };
             let wanted = (workers.len() as u64 + useful).min(self.options.workers as u64);

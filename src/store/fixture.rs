@@ -16,6 +16,7 @@ use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SideMaterial, TreeN
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
 use crate::model::order::UpdateOrder;
+use crate::model::origin::PatchSource;
 use crate::model::rays::{ClusterRef, RayNode, RayPatch, TOP};
 use crate::model::report::TaskReport;
 
@@ -81,6 +82,8 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
         let mut ray_patch = RayPatch::zeroed();
         (ray_patch.corners_m, ray_patch.corner_count, ray_patch.area_m2) = (patch.corners_m, 4, 1.0);
         let own_rays = ArraysBuilder::default().with(&[node]).with(&[ray_patch]).finish();
+        let source = PatchSource { patch: 0, file, line: id + 1, face: id };
+        let provenance = ArraysBuilder::default().with(&[source]).finish();
         let at = rays.append(ExtentKind::Rays, id, &own_rays).unwrap();
         let mut reference = ClusterRef::zeroed();
         (reference.cluster, reference.nodes, reference.patches) = (id, 1, 1);
@@ -98,7 +101,7 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
             max_m: head.max_m,
             geometry: bulk.append(ExtentKind::Geometry, id, &geometry).unwrap(),
             rays: at,
-            provenance: bulk.append(ExtentKind::Provenance, id, &ArraysBuilder::default().finish()).unwrap(),
+            provenance: bulk.append(ExtentKind::Provenance, id, &provenance).unwrap(),
             bake: None,
             materials: bulk.append(ExtentKind::Materials, id, &materials).unwrap(),
             radiosity: bulk.append(ExtentKind::Radiosity, id, &light(id, 0.0)).unwrap(),

@@ -14,6 +14,7 @@ pub mod extent_header;
 pub mod fixture;
 mod garbage;
 pub mod ingest_rows;
+pub mod inventory;
 pub mod iterations;
 pub mod locks;
 pub mod merging;

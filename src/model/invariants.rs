@@ -1,0 +1,169 @@
+//! What must be true of an extent beyond its checksum; each function says what is not.
+
+use super::Arrays;
+use super::geometry::{GeometryView, NONE, SideMaterial};
+use super::light::LightView;
+use super::links::LinksView;
+use super::origin::{BakeCorner, PatchSource};
+use super::rays::ClusterRaysView;
+use super::visibility::VisibilityView;
+use crate::base::NodeName;
+
+/// Rounding of stored factors and sums.
+const ROW_SUM_SLACK: f64 = 1e-3;
+
+fn ascending<T: PartialOrd>(items: impl IntoIterator<Item = T>) -> bool {
+    let mut items = items.into_iter();
+    let Some(mut last) = items.next() else { return true };
+    items.all(|item| {
+        let rises = last < item;
+        last = item;
+        rises
+    })
+}
+
+fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(what()) }
+}
+
+/// Patches, tree and sector nodes of a cluster.
+pub fn geometry(payload: &[u8], cluster: u32) -> Result<(), String> {
+    let view = GeometryView::parse(payload)?;
+    ensure(view.head.cluster == cluster, || format!("it says that it is cluster {}'s", view.head.cluster))?;
+    for (i, patch) in view.patches.iter().enumerate() {
+        ensure(matches!(patch.corner_count, 3 | 4), || format!("patch {i} has {} corners", patch.corner_count))?;
+        let finite = patch.corners_m.iter().flatten().all(|x| x.is_finite());
+        ensure(finite && patch.area_m2 > 0.0, || format!("patch {i} is not finite or has no area"))?;
+        let leaf = view.tree.get(patch.tree_node as usize);
+        let holds = leaf.is_some_and(|n| (n.first_patch..n.first_patch + n.patch_count).contains(&(i as u16)));
+        ensure(holds, || format!("patch {i} is not below its tree node"))?;
+    }
+    let whole = view.tree.first().ok_or("the tree is empty")?;
+    let covers = whole.first_patch == 0 && usize::from(whole.patch_count) == view.patches.len();
+    ensure(covers && whole.parent == NONE, || "the tree's root does not cover the patches".to_owned())?;
+    for (i, node) in view.tree.iter().enumerate() {
+        tree_node(&view, i, node.left, node.right)?;
+    }
+    ensure(ascending(view.sectors.iter().map(|s| s.name)), || "sector nodes are out of order".to_owned())?;
+    let placed = view.sectors.iter().all(|s| (s.tree_node as usize) < view.tree.len());
+    ensure(placed, || "a sector node has no tree node".to_owned())
+}
+
+fn tree_node(view: &GeometryView<'_>, at: usize, left: u32, right: u32) -> Result<(), String> {
+    let wrong = |what: &str| format!("tree node {at} {what}");
+    if left == NONE || right == NONE {
+        return ensure(left == right, || wrong("has one child only"));
+    }
+    let child = |index: u32| view.tree.get(index as usize).filter(|c| c.parent as usize == at);
+    let (Some(a), Some(b)) = (child(left), child(right)) else { return Err(wrong("and its children disagree")) };
+    let node = &view.tree[at];
+    let split = a.first_patch == node.first_patch
+        && b.first_patch == a.first_patch + a.patch_count
+        && a.patch_count + b.patch_count == node.patch_count;
+    ensure(split, || wrong("is not made up of its children's patches"))?;
+    let inside = [a, b].iter().all(|c| {
+        (0..3).all(|i| node.min_m[i] <= c.min_m[i] && c.max_m[i] <= node.max_m[i] && c.min_m[i] <= c.max_m[i])
+    });
+    ensure(inside, || wrong("does not enclose its children"))
+}
+
+/// Two materials per patch, with reflectance within 0..=1.
+pub fn materials(payload: &[u8], patches: usize) -> Result<(), String> {
+    let sides = Arrays::new(payload).get::<SideMaterial>(0)?;
+    ensure(sides.len() == 2 * patches, || format!("{} materials for {patches} patches", sides.len()))?;
+    for (i, side) in sides.iter().enumerate() {
+        let reflects = side.rho.iter().all(|r| (0.0..=1.0).contains(r));
+        let emits = side.exitance.iter().all(|e| e.is_finite() && *e >= 0.0);
+        ensure(reflects && emits, || format!("side {i} reflects {:?} and emits {:?}", side.rho, side.exitance))?;
+    }
+    Ok(())
+}
+
+/// Both roots of every patch, four children or none, everything finite and not negative.
+pub fn light(payload: &[u8], cluster: u32, patches: usize) -> Result<(), String> {
+    let view = LightView::parse(payload)?;
+    ensure(view.head.channels == 3, || format!("{} channels", view.head.channels))?;
+    let roots = view.level(0).len();
+    ensure(roots == 2 * patches, || format!("{roots} roots for {patches} patches"))?;
+    for depth in 0..15 {
+        let level = view.level(depth);
+        ensure(ascending(level.iter().map(|e| e.name)), || format!("level {depth} is out of order"))?;
+        ensure(depth == 0 || level.len() % 4 == 0, || format!("level {depth} has an element without its siblings"))?;
+        for element in level {
+            let name = NodeName(element.name);
+            let at_home = name.cluster().0 == cluster && name.depth() == depth;
+            ensure(at_home, || format!("{name:?} does not belong on level {depth}"))?;
+            ensure(name.parent().is_none_or(|p| view.find(p).is_some()), || format!("{name:?} has no parent"))?;
+            let fine = element.irradiance.iter().chain([&element.spread]).all(|x| x.is_finite() && *x >= 0.0);
+            ensure(fine, || format!("{name:?} receives {:?}, spread {}", element.irradiance, element.spread))?;
+        }
+    }
+    for sector in view.sectors {
+        let mut values = sector.radiosity.iter().chain(&sector.irradiance).chain([&sector.spread]);
+        ensure(values.all(|x| x.is_finite() && *x >= 0.0), || format!("{:?} is not finite", NodeName(sector.name)))?;
+    }
+    ensure(ascending(view.sectors.iter().map(|s| s.name)), || "sector nodes are out of order".to_owned())
+}
+
+/// Rows and dictionary in order, form factors within 0..=1, row sums after closing at most 1.
+pub fn links(payload: &[u8], cluster: u32) -> Result<(), String> {
+    let view = LinksView::parse(payload)?;
+    let own = view.receivers.iter().all(|&r| NodeName(r).cluster().0 == cluster);
+    ensure(own && ascending(view.receivers), || "receivers are foreign or out of order".to_owned())?;
+    ensure(ascending(view.sources), || "the dictionary of sources is out of order".to_owned())?;
+    let known = view.sources.iter().all(|&s| NodeName(s).kind().is_some());
+    ensure(known, || "the dictionary holds a name of no kind".to_owned())?;
+    let fractions = view.form_factor.iter().all(|f| (0.0..=1.0).contains(f));
+    ensure(fractions, || "a form factor lies outside 0..=1".to_owned())?;
+    let errors = view.spread.iter().chain(view.uncertainty).all(|x| x.is_finite() && *x >= 0.0);
+    ensure(errors, || "a spread or uncertainty is not a number".to_owned())?;
+    ensure(ascending(view.closure.iter().map(|c| c.leaf)), || "closed rows are out of order".to_owned())?;
+    for row in view.closure {
+        let own = f64::from(row.own_sum) * f64::from(row.own_factor);
+        let above = f64::from(row.above_sum) * f64::from(row.above_factor);
+        let sum = own + above + f64::from(row.escape);
+        ensure((0.0..=1.0 + ROW_SUM_SLACK).contains(&sum), || {
+            format!("the row of {:?} sums to {sum}", NodeName(row.leaf))
+        })?;
+    }
+    Ok(())
+}
+
+/// Clusters in order, form factors within 0..=1.
+pub fn visibility(payload: &[u8]) -> Result<(), String> {
+    let view = VisibilityView::parse(payload)?;
+    ensure(ascending(view.clusters.iter().map(|c| c.cluster)), || "clusters are out of order".to_owned())?;
+    let fractions = view.clusters.iter().all(|c| (0.0..=1.0).contains(&c.form_factor));
+    ensure(fractions, || "a form factor lies outside 0..=1".to_owned())
+}
+
+/// Every patch is met, and every node refers to what is there.
+pub fn rays(payload: &[u8], patches: usize) -> Result<(), String> {
+    let view = ClusterRaysView::parse(payload)?;
+    let met: std::collections::BTreeSet<u32> = view.patches.iter().map(|p| p.patch).collect();
+    ensure(met.len() == patches, || format!("rays meet {} of {patches} patches", met.len()))?;
+    let placed = view.nodes.iter().all(|n| {
+        let (end, among) = if n.count == 0 {
+            (n.first as usize + 2, view.nodes.len())
+        } else {
+            ((n.first + n.count) as usize, view.patches.len())
+        };
+        end <= among
+    });
+    ensure(placed && !view.nodes.is_empty(), || "a node refers to what is not there".to_owned())
+}
+
+/// Sources name patches of the cluster.
+pub fn provenance(payload: &[u8], patches: usize) -> Result<(), String> {
+    let arrays = Arrays::new(payload);
+    let known = arrays.get::<PatchSource>(0)?.iter().all(|s| (s.patch as usize) < patches);
+    ensure(known, || "a source names a patch that is not there".to_owned())
+}
+
+/// Corners name patches of the cluster.
+pub fn bake(payload: &[u8], patches: usize) -> Result<(), String> {
+    let corners = Arrays::new(payload).get::<BakeCorner>(0)?;
+    ensure(corners.iter().all(|c| (c.corner as usize) < 4 * patches), || {
+        "a corner names a patch that is not there".to_owned()
+    })
+}

@@ -1,0 +1,306 @@
+//! `check`: verifies every checksum, reference and invariant of a store, and names each damage.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::base::{ClusterId, Error, Progress, Result};
+use crate::model::geometry::GeometryView;
+use crate::model::rays::{RayNode, RayPatch, TOP, TopRaysView};
+use crate::model::{ExtentKind, invariants};
+use crate::store::inventory::ExtentRow;
+use crate::store::{Snapshot, Store};
+
+/// Damages listed; more are only counted.
+const LISTED: usize = 1000;
+
+/// Flags of `check`.
+#[derive(Clone, Debug, Default)]
+pub struct Options {}
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Damage {
+    /// `catalogue`, `segment`, `reference`, or the kind of extent.
+    pub kind: String,
+    /// File.
+    pub path: PathBuf,
+    /// Which part of it: cluster, version, byte.
+    pub id: String,
+    /// What is wrong.
+    pub detail: String,
+}
+
+/// What was verified.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Summary {
+    /// What is wrong, at most a thousand.
+    pub damages: Vec<Damage>,
+    /// All damages, listed or not.
+    pub damages_total: u64,
+    /// Segment files.
+    pub segments: u64,
+    /// Bytes whose checksums are right.
+    pub bytes_verified: u64,
+    /// The command to type next.
+    pub next: Option<String>,
+}
+
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let mib = self.bytes_verified as f64 / f64::from(1 << 20);
+        let mut lines =
+            vec![format!("{} segments, {mib:.1} MiB verified, {} damages", self.segments, self.damages_total)];
+        lines.extend(self.damages.iter().map(|d| format!("{}: {} {}: {}", d.path.display(), d.kind, d.id, d.detail)));
+        lines
+    }
+
+    fn next(&self) -> Option<String> {
+        self.next.clone()
+    }
+
+    fn shortfall(&self) -> Option<Error> {
+        let first = self.damages.first()?;
+        let detail = format!("{} {}: {} ({} damages in all)", first.kind, first.id, first.detail, self.damages_total);
+        Some(Error::damaged(&first.path, detail))
+    }
+}
+
+struct Checker<'s> {
+    store: &'s Store,
+    summary: Summary,
+    /// Extents already named as damaged: (segment, byte).
+    known: BTreeSet<(u32, u64)>,
+}
+
+impl Checker<'_> {
+    fn add(&mut self, kind: &str, path: &Path, id: impl Into<String>, detail: impl Into<String>) {
+        self.summary.damages_total += 1;
+        if self.summary.damages.len() < LISTED {
+            let (id, detail) = (id.into(), detail.into());
+            self.summary.damages.push(Damage { kind: kind.to_owned(), path: path.to_path_buf(), id, detail });
+        }
+    }
+
+    /// Adds an error of reading, unless it is not about damage.
+    fn add_error(&mut self, kind: &str, id: String, error: Error) -> Result<()> {
+        match error {
+            Error::Damaged { path, detail } => {
+                self.add(kind, &path, id, detail);
+                Ok(())
+            }
+            other => Err(other),
+        }
+    }
+
+    fn extent(&mut self, kind: ExtentKind, row: ExtentRow) -> Result<()> {
+        let place = (row.at.segment, row.at.offset);
+        if self.known.contains(&place) {
+            return Ok(());
+        }
+        if let Err(error) = self.read(kind, row) {
+            if self.known.len() < LISTED {
+                self.known.insert(place);
+            }
+            let version = row.version.map_or(String::new(), |v| format!(", version {v}"));
+            let word = format!("{kind:?}").to_lowercase();
+            self.add_error(&word, format!("cluster {}{version}", row.cluster), error)?;
+        }
+        Ok(())
+    }
+
+    fn read(&self, kind: ExtentKind, row: ExtentRow) -> Result<()> {
+        let extent = self.store.extent_checked_now(row.at, kind)?;
+        let (payload, cluster) = (extent.payload(), row.cluster);
+        if extent.header().cluster != cluster {
+            return Err(extent.damage(format!("the catalogue says it is cluster {cluster}'s")));
+        }
+        // Where the geometry itself is damaged, that is named once, with the geometry.
+        let patches = || self.patches(cluster);
+        let verdict = match kind {
+            ExtentKind::Geometry => invariants::geometry(payload, cluster),
+            ExtentKind::Visibility => invariants::visibility(payload),
+            ExtentKind::Links => invariants::links(payload, cluster),
+            ExtentKind::Materials => patches().map_or(Ok(()), |n| invariants::materials(payload, n)),
+            ExtentKind::Radiosity => patches().map_or(Ok(()), |n| invariants::light(payload, cluster, n)),
+            ExtentKind::Rays => patches().map_or(Ok(()), |n| invariants::rays(payload, n)),
+            ExtentKind::Bake => patches().map_or(Ok(()), |n| invariants::bake(payload, n)),
+            ExtentKind::Provenance => patches().map_or(Ok(()), |n| invariants::provenance(payload, n)),
+        };
+        verdict.map_err(|detail| extent.damage(detail))
+    }
+
+    fn patches(&self, cluster: u32) -> Option<usize> {
+        let snapshot = Snapshot::at(self.store, 0).ok()?;
+        let extent = snapshot.extent(ExtentKind::Geometry, ClusterId(cluster)).ok()??;
+        extent.parse(GeometryView::parse).ok().map(|view| view.patches.len())
+    }
+
+    /// Every kept version gives every cluster its light and materials.
+    fn versions(&mut self) -> Result<()> {
+        let catalogue = self.store.dir().join("scene.sqlite");
+        for version in self.store.kept_versions()? {
+            let snapshot = Snapshot::at(self.store, version)?;
+            for cluster in snapshot.clusters() {
+                let id = cluster?.id;
+                for kind in [ExtentKind::Radiosity, ExtentKind::Materials] {
+                    if snapshot.place(kind, id)?.is_none() {
+                        let detail = format!("no {} in this version", format!("{kind:?}").to_lowercase());
+                        self.add("reference", &catalogue, format!("cluster {id}, version {version}"), detail);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn ray_top(&mut self) -> Result<()> {
+        let read = || -> Result<()> {
+            let Some((top, file)) = self.store.ray_top()? else { return Ok(()) };
+            let view = top.parse(TopRaysView::parse)?;
+            for at in view.clusters {
+                let ends = |from: u64, count: u32, size: usize| from + u64::from(count) * size as u64;
+                let end = ends(at.nodes_at, at.nodes, size_of::<RayNode>()).max(ends(
+                    at.patches_at,
+                    at.patches,
+                    size_of::<RayPatch>(),
+                ));
+                if end > file.len() as u64 {
+                    return Err(top.damage(format!("cluster {} lies outside the segment", at.cluster)));
+                }
+            }
+            let clusters = self.store.facts()?.clusters;
+            if view.clusters.len() as u64 != clusters {
+                return Err(top.damage(format!("{} clusters of {clusters}", view.clusters.len())));
+            }
+            Ok(())
+        };
+        read().or_else(|error| self.add_error("rays", format!("top level (cluster {TOP})"), error))
+    }
+
+    fn segments(&mut self, progress: &dyn Progress) -> Result<()> {
+        let segments = self.store.segments()?;
+        progress.begin("verify", "segments", Some(segments.len() as u64));
+        for (i, row) in segments.iter().enumerate() {
+            let mut found = Vec::new();
+            match self.store.walk_segment(row, &mut |at, detail| found.push((at, detail))) {
+                Ok(bytes) => self.summary.bytes_verified += bytes,
+                Err(error) => self.add_error("segment", format!("segment {}", row.id), error)?,
+            }
+            for (at, detail) in found {
+                if !self.known.contains(&(row.id, at)) {
+                    self.add("segment", &row.path, format!("byte {at}"), detail);
+                }
+            }
+            self.summary.segments += 1;
+            progress.at(i as u64 + 1);
+        }
+        Ok(())
+    }
+}
+
+/// Verifies a store. Damages are in the summary, not in the error.
+pub fn execute(store: &Store, _options: &Options, progress: &dyn Progress) -> Result<Summary> {
+    let mut checker = Checker { store, summary: Summary::default(), known: BTreeSet::new() };
+    let catalogue = store.dir().join("scene.sqlite");
+    for detail in store.catalogue_damages()? {
+        checker.add("catalogue", &catalogue, "", detail);
+    }
+    if store.facts_if_any()?.is_some() {
+        for kind in ExtentKind::ALL {
+            progress.begin("check", "extents", None);
+            let mut done = 0;
+            store.for_each_extent(kind, &mut |row| {
+                done += 1;
+                progress.at(done);
+                if progress.interrupted() {
+                    return Err(Error::Interrupted);
+                }
+                checker.extent(kind, row)
+            })?;
+        }
+        checker.ray_top()?;
+        checker.versions()?;
+    }
+    checker.segments(progress)?;
+    let mut summary = checker.summary;
+    let dir = store.dir().display();
+    let next = if summary.damages.is_empty() { "status" } else { "ingest --fresh" };
+    summary.next = Some(format!("clerestory {next} {dir}"));
+    Ok(summary)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::OpenOptions;
+    use std::os::unix::fs::FileExt;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::base::Quiet;
+    use crate::model::order::UpdateOrder;
+    use crate::stages::merge;
+    use crate::store::fixture;
+
+    fn check(dir: &Path) -> Summary {
+        let store = Store::open(dir, Duration::from_secs(5)).unwrap();
+        execute(&store, &Options::default(), &Quiet).unwrap()
+    }
+
+    fn solved(dir: &Path) -> Store {
+        let store = fixture::store(dir, 5);
+        fixture::partition(&store, 2);
+        fixture::solve_all(&store, UpdateOrder::Jacobi, 2.0);
+        merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+        store
+    }
+
+    #[test]
+    fn a_sound_store_has_no_damages_and_all_its_bytes_are_verified() {
+        let dir = tempfile::tempdir().unwrap();
+        drop(solved(dir.path()));
+        let summary = check(dir.path());
+        assert_eq!(summary.damages, []);
+        assert_eq!(summary.segments, 3);
+        assert!(summary.bytes_verified > 5000, "{}", summary.bytes_verified);
+    }
+
+    #[test]
+    fn a_flipped_bit_is_named_with_its_file_cluster_and_version() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = solved(dir.path());
+        let at = Snapshot::at(&store, 1).unwrap().place(ExtentKind::Radiosity, ClusterId(3)).unwrap().unwrap();
+        drop(store);
+        let name = format!("segments/{:06}-update.seg", at.segment);
+        let file = OpenOptions::new().write(true).open(dir.path().join(&name)).unwrap();
+        file.write_at(&[0xAA], at.payload_at() + at.bytes / 2).unwrap();
+        let summary = check(dir.path());
+        assert_eq!(summary.damages_total, 1, "{:?}", summary.damages);
+        let damage = &summary.damages[0];
+        assert_eq!((damage.kind.as_str(), damage.id.as_str()), ("radiosity", "cluster 3, version 1"));
+        assert!(damage.path.ends_with(name) && damage.detail.contains("checksum"));
+    }
+
+    #[test]
+    fn light_that_is_negative_behind_a_right_checksum_is_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 3);
+        fixture::partition(&store, 1);
+        fixture::solve_all(&store, UpdateOrder::Jacobi, -1.0);
+        drop(store);
+        let summary = check(dir.path());
+        assert_eq!(summary.damages_total, 3, "one per cluster");
+        assert!(summary.damages[0].detail.contains("receives"), "{}", summary.damages[0].detail);
+    }
+
+    #[test]
+    fn a_missing_segment_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        drop(solved(dir.path()));
+        std::fs::remove_file(dir.path().join("segments/000003-update.seg")).unwrap();
+        let summary = check(dir.path());
+        assert!(summary.damages.iter().all(|d| d.detail.contains("missing")), "{:?}", summary.damages);
+        assert_eq!(summary.damages_total, 6, "five clusters and the file");
+    }
+}
