@@ -42,12 +42,6 @@ impl Element {
         self.first_child == NONE
     }
 
-    /// Whether nothing lights it.
-    #[must_use]
-    pub fn is_dark(&self) -> bool {
-        self.leaf_high == [0.0; 3]
-    }
-
     /// Largest deviation, in any channel, of any leaf below, W/m2.
     #[must_use]
     pub fn spread(&self) -> f64 {

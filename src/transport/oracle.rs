@@ -43,8 +43,9 @@ pub struct Case {
     pub receiver_edge_m: f64,
     /// Whether the receiver has levels left.
     pub receiver_has_levels: bool,
-    /// Whether nothing has lit the receiver so far.
-    pub receiver_is_dark: bool,
+    /// Whether the receiver is far darker than the source and a wall stands on the source: the
+    /// receiver may lie in a sealed place that only part of the source shares.
+    pub may_be_sealed: bool,
     /// Whether a wall stands on the receiver: its parts may be in different rooms.
     pub receiver_is_cut: bool,
     /// How much the kernel may vary over the source, 0..=1.
@@ -74,12 +75,12 @@ const NEGLIGIBLE: f64 = 1e-4;
 #[must_use]
 pub fn judge(sight: &Sight, strength: f64, source: &SourceLight, case: &Case, tolerances: &Tolerances) -> Verdict {
     // Light must not get into a sealed place by a mean over what lies inside and outside of it.
-    if case.receiver_is_dark && source.may_hold_dark && source.divided && sight.form_factor + sight.uncertainty > 0.0 {
+    let reaches = (sight.form_factor + sight.uncertainty) * strength > NEGLIGIBLE * tolerances.row_w_m2;
+    if case.may_be_sealed && source.divided && reaches {
         return Verdict::SplitSource;
     }
     // Nor by a mean over parts of the receiver that see the source and parts that do not.
     let in_part = sight.class == Visibility::Partial || sight.spread >= 0.99 * sight.form_factor;
-    let reaches = (sight.form_factor + sight.uncertainty) * strength > NEGLIGIBLE * tolerances.row_w_m2;
     let levels_left = case.receiver_has_levels && 0.5 * case.receiver_edge_m >= tolerances.min_element_m;
     if case.receiver_is_cut && in_part && reaches && levels_left {
         return Verdict::SplitReceiver;

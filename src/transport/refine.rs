@@ -186,12 +186,13 @@ impl<'a> Receiver<'a> {
             self.cut[at] = Some(possible && region::is_cut(&context.scene, r));
         }
         let strength = self.strength(at, source.radiosity);
-        let case = self.case(at, r, s, Visibility::Partial);
+        let may_be_sealed = self.is_dim(at, source.radiosity) && region::is_cut(&context.scene, s);
+        let case = Case { may_be_sealed, ..self.case(at, r, s, Visibility::Partial) };
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
             min_element_m: context.tolerances.min_element_m,
-            one_region_source: case.receiver_is_dark && !source.divided && context.scope == Scope::Everything,
+            one_region_source: case.may_be_sealed && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
         };
         let Some(found) = sight::look(&context.scene, r, s, known, care, &mut self.counts.rays) else { return };
@@ -239,6 +240,11 @@ impl<'a> Receiver<'a> {
         }
     }
 
+    /// Whether the source is so much brighter that the receiver may lie in a sealed place.
+    fn is_dim(&self, at: usize, radiosity: Rgb) -> bool {
+        Rgb(self.mesh.elements[at].leaf_high).max() < DIM * radiosity.max()
+    }
+
     fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
         let element = &self.mesh.elements[at];
         oracle::strength(radiosity, element.irradiance, element.spread())
@@ -249,7 +255,7 @@ impl<'a> Receiver<'a> {
             receiver_area_m2: self.mesh.elements[at].area_m2,
             receiver_edge_m: r.shape.longest_edge(),
             receiver_has_levels: r.name.depth() < MAX_DEPTH,
-            receiver_is_dark: self.mesh.elements[at].is_dark(),
+            may_be_sealed: false,
             receiver_is_cut: self.cut[at] == Some(true),
             source_variation: variation(r, s, class),
         }
@@ -313,15 +319,17 @@ impl<'a> Receiver<'a> {
         // The cheap bound first: shapes are needed only where it does not do.
         let bound =
             (0.5 * sight.spread + sight.uncertainty) * strength + sight.form_factor * source.spread * PARTIAL_VARIATION;
-        let element = &self.mesh.elements[at];
-        if !element.is_dark()
+        let dim = self.is_dim(at, source.radiosity);
+        if !(dim && source.divided)
             && self.cut[at] != Some(true)
             && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
         {
             return Verdict::Keep;
         }
         let s = node(view, link.source);
-        oracle::judge(&sight, strength, &source, &self.case(at, r, &s, link.class), &context.tolerances)
+        let may_be_sealed = dim && region::is_cut(&context.scene, &s);
+        let case = Case { may_be_sealed, ..self.case(at, r, &s, link.class) };
+        oracle::judge(&sight, strength, &source, &case, &context.tolerances)
     }
 }
 
@@ -333,6 +341,9 @@ fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
 fn side_key(name: NodeName) -> u64 {
     name.0 >> 29
 }
+
+/// A receiver whose irradiance is below this share of a source's radiosity is dim beside it.
+const DIM: f64 = 0.05;
 
 /// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
 /// part (what lies under a box is dark and unseen), an error that does not average out over links.

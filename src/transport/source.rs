@@ -15,8 +15,6 @@ pub struct SourceLight {
     pub spread: f64,
     /// Whether elements below are stored.
     pub divided: bool,
-    /// Whether some of them may be dark, while others are not.
-    pub may_hold_dark: bool,
 }
 
 /// One cluster of one version.
@@ -43,12 +41,7 @@ impl ClusterView<'_> {
         let radiosity = Rgb::from_f32(material.exitance) + rho.times(Rgb::from_f32(found.irradiance));
         let exact = found.name == name.0;
         let spread = if exact { f64::from(found.spread) * rho.max() } else { 0.0 };
-        SourceLight {
-            radiosity,
-            spread,
-            divided: exact && self.light.has_children(name),
-            may_hold_dark: spread > 0.0 && found.irradiance.iter().all(|h| *h <= found.spread),
-        }
+        SourceLight { radiosity, spread, divided: exact && self.light.has_children(name) }
     }
 
     /// Whether a patch side takes part at all.
