@@ -16,6 +16,8 @@ mod garbage;
 pub mod ingest_rows;
 pub mod inventory;
 pub mod iterations;
+#[cfg(test)]
+mod layout_tests;
 pub mod locks;
 pub mod merging;
 pub mod model_facts;
