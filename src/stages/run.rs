@@ -208,13 +208,29 @@ impl Coordinator<'_> {
             if iteration.converged || ended >= self.options.max_iterations {
                 return Ok((branch, Vec::new()));
             }
+            let (started, before) = (Instant::now(), self.used);
             let failed = self.solve(&iteration)?;
             if !failed.is_empty() {
                 return Ok((branch, failed));
             }
+            self.record(branch, started.elapsed().as_secs_f64(), before)?;
             self.store.forget_old_versions(self.options.keep)?;
             self.store.drop_unreferenced_segments()?;
         }
+    }
+
+    /// Records what an iteration took.
+    fn record(&self, branch: u64, wall_s: f64, before: Used) -> Result<()> {
+        let version = Some(self.store.newest_of_branch(branch)?.id);
+        let used = self.used;
+        let figures = [
+            ("iteration_wall", wall_s, "s"),
+            ("iteration_cpu", used.cpu_s - before.cpu_s, "s"),
+            ("iteration_read", (used.bytes_read - before.bytes_read) as f64, "bytes"),
+            ("iteration_written", (used.bytes_written - before.bytes_written) as f64, "bytes"),
+            ("worker_peak_anon", used.peak_anon_bytes as f64, "bytes"),
+        ];
+        figures.iter().try_for_each(|(name, value, unit)| self.store.put_metric("run", version, name, *value, unit))
     }
 
     /// Has all groups of an iteration solved and merged; gives the groups that failed.

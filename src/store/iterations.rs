@@ -84,11 +84,17 @@ fn open_tasks(
     let last: Option<u64> =
         tx.query_row("SELECT max(iteration) FROM tasks WHERE branch = ?1", [branch], |r| r.get(0))?;
     let number = last.unwrap_or(0).max(newest.iteration) + 1;
-    tx.execute(
+    let opened = tx.execute(
         "INSERT INTO tasks (branch, iteration, group_id, update_order, state, base_version, options_hash, partition_hash)
          SELECT ?1, ?2, id, ?3, 'free', ?4, ?5, ?6 FROM groups ORDER BY id",
         params![branch, number, settings.order.name(), newest.id, settings.options_hash, partition],
     )?;
+    if opened == 0 {
+        return Err(Error::StageMissing {
+            message: "the partition holds no groups".to_owned(),
+            help: "run `clerestory partition STORE --fresh` first".to_owned(),
+        });
+    }
     Ok(number)
 }
 

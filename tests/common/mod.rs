@@ -1,73 +1,39 @@
-//! What tests share: a folder to work in, the program, scenes that may be absent.
-#![allow(dead_code, reason = "each test file uses a part of it")]
+//! Scenes that tests make for themselves.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-use std::sync::Mutex;
-use std::time::Duration;
+use std::fmt::Write;
+use std::path::Path;
 
-use clerestory::base::Progress;
-use clerestory::base::memory::MemoryBudget;
-use clerestory::stages::ingest;
-
-/// Collects warnings.
-#[derive(Default)]
-pub struct Heard(pub Mutex<Vec<String>>);
-
-impl Progress for Heard {
-    fn begin(&self, _phase: &str, _unit: &str, _total: Option<u64>) {}
-    fn at(&self, _done: u64) {}
-    fn warn(&self, message: &str) {
-        self.0.lock().unwrap().push(message.to_owned());
+/// Writes `count` sealed rooms in a row, each 4 x 3 x 2.5 m, front sides inwards, with a lamp below the
+/// ceiling and a table, as an OBJ with its MTL.
+pub fn write_rooms(model: &Path, count: u32) {
+    let mut obj = String::from("mtllib rooms.mtl\n");
+    let mut corners = 0;
+    for room in 0..count {
+        let x = f64::from(room) * 5.0;
+        let (walls, lamp, table) = (
+            ([x, 0.0, 0.0], [x + 4.0, 3.0, 2.5]),
+            ([x + 1.5, 1.0, 2.4], [x + 2.5, 2.0, 2.45]),
+            ([x + 1.0, 0.5, 0.7], [x + 3.0, 1.5, 0.8]),
+        );
+        for (name, material, (low, high), inwards) in
+            [("walls", "wall", walls, true), ("lamp", "light", lamp, false), ("table", "wood", table, false)]
+        {
+            writeln!(obj, "o {name}{room}\nusemtl {material}").expect("a string takes all");
+            for i in 0..8u32 {
+                let at = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+                writeln!(obj, "v {} {} {}", at(0), at(1), at(2)).expect("a string takes all");
+            }
+            for mut face in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
+                if !inwards {
+                    face.reverse();
+                }
+                let [a, b, c, d] = face.map(|corner: u32| corner + corners + 1);
+                writeln!(obj, "f {a} {b} {c} {d}").expect("a string takes all");
+            }
+            corners += 8;
+        }
     }
-    fn interrupted(&self) -> bool {
-        false
-    }
-}
-
-impl Heard {
-    /// All warnings, one a line.
-    pub fn text(&self) -> String {
-        self.0.lock().unwrap().join("\n")
-    }
-}
-
-/// Options of an ingest at their defaults.
-pub fn options(store: &Path, model: &Path) -> ingest::Options {
-    ingest::Options {
-        store: store.to_path_buf(),
-        models: vec![model.to_path_buf()],
-        units: ingest::Units::M,
-        up: None,
-        both_sides: true,
-        materials: None,
-        emit_both: false,
-        max_cluster_patches: 64,
-        snap_m: None,
-        memory: MemoryBudget::DEFAULT,
-        fresh: false,
-        wait: Duration::from_secs(1),
-    }
-}
-
-/// Ingests; what was said, and the summary.
-pub fn ingest(options: &ingest::Options) -> (String, clerestory::base::Result<ingest::Summary>) {
-    let heard = Heard::default();
-    let done = ingest::plan(options).and_then(|plan| ingest::execute(plan, &heard));
-    (heard.text(), done)
-}
-
-/// A file of the shared scenes; `None`, said aloud, where they are absent.
-pub fn shared(path: &str) -> Option<PathBuf> {
-    let full = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
-    if full.exists() {
-        return Some(full);
-    }
-    eprintln!("SKIPPED: ../shared/{path} is absent");
-    None
-}
-
-/// Runs the program in a folder.
-pub fn clerestory(dir: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_clerestory")).args(args).current_dir(dir).output().unwrap()
+    let mtl = "newmtl wall\nKd 0.7 0.7 0.6\nnewmtl wood\nKd 0.4 0.3 0.2\nnewmtl light\nKd 0 0 0\nKe 10 10 9\n";
+    std::fs::write(model, obj).expect("a test may write its scene");
+    std::fs::write(model.with_file_name("rooms.mtl"), mtl).expect("a test may write its scene");
 }

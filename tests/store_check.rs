@@ -1,0 +1,85 @@
+//! A model goes through all stages in one process, and the store that comes out is sound.
+
+mod common;
+
+use std::time::Duration;
+
+use clerestory::base::memory::MemoryBudget;
+use clerestory::base::{ClusterId, Quiet};
+use clerestory::model::ExtentKind;
+use clerestory::model::light::LightView;
+use clerestory::model::order::UpdateOrder;
+use clerestory::stages::{check, gc, ingest, merge, partition, solve_group, visibility};
+use clerestory::store::{Snapshot, Store};
+
+fn ingest_options(dir: &std::path::Path) -> ingest::Options {
+    let model = dir.join("rooms.obj");
+    common::write_rooms(&model, 2);
+    ingest::Options {
+        store: dir.join("rooms.clr"),
+        models: vec![model],
+        units: ingest::Units::M,
+        up: None,
+        both_sides: true,
+        materials: None,
+        emit_both: false,
+        max_cluster_patches: 64,
+        snap_m: None,
+        memory: MemoryBudget::DEFAULT,
+        fresh: false,
+        wait: Duration::from_secs(5),
+    }
+}
+
+fn solve_options(order: UpdateOrder) -> solve_group::Options {
+    solve_group::Options {
+        which: solve_group::Which::UntilDone,
+        version: None,
+        tolerance: 0.1,
+        min_element_m: None,
+        inner: solve_group::InnerOption::Converge,
+        keep_links: true,
+        link_cache_bytes: 32 << 20,
+        order,
+        schedule: clerestory::partition::schedule::Policy::FfdWs { delta: 16 },
+        seed: 1,
+        memory_bytes: 512 << 20,
+    }
+}
+
+#[test]
+fn a_store_that_was_solved_is_sound_and_stays_so_after_gc() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = ingest_options(dir.path());
+    ingest::execute(ingest::plan(&options).unwrap(), &Quiet).unwrap();
+    let store = Store::open(&options.store, options.wait).unwrap();
+    let looking = visibility::Options { missing: 0.01, seed: 1, workers: 1, memory_bytes: 512 << 20 };
+    visibility::execute(&visibility::plan(&store, &looking).unwrap(), &Quiet).unwrap();
+    let grouping = partition::Options { method: None, groups: Some(2), memory_bytes: 512 << 20 };
+    partition::execute(&partition::plan(&store, &grouping).unwrap(), &Quiet).unwrap();
+    let solving = solve_options(UpdateOrder::Jacobi);
+    let mut last = merge::Summary::default();
+    for _ in 0..40 {
+        let plan = solve_group::plan(&store, &solving).unwrap();
+        solve_group::execute(&plan, &solve_group::Resources::default, &Quiet).unwrap();
+        last = merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+        if last.converged {
+            break;
+        }
+    }
+    assert!(last.converged, "{last:?}");
+    let balance = last.energy_balance.unwrap();
+    assert!(balance < 0.01, "sealed rooms keep their light: {balance}");
+    let sound = || {
+        let summary = check::execute(&store, &check::Options::default(), &Quiet).unwrap();
+        assert_eq!(summary.damages, []);
+        summary.bytes_verified
+    };
+    let before = sound();
+    let removed = gc::execute(&store, &gc::plan(&store, &gc::Options { keep: 1 }).unwrap(), &Quiet).unwrap();
+    assert!(removed.versions_removed > 0);
+    assert!(sound() < before);
+    let newest = Snapshot::newest(&store).unwrap();
+    let light = newest.need(ExtentKind::Radiosity, ClusterId(0)).unwrap();
+    assert!(!light.parse(LightView::parse).unwrap().elements.is_empty());
+}
