@@ -2,15 +2,19 @@
 
 pub mod check;
 pub mod children;
+pub mod entry;
 pub mod gc;
 pub mod group_links;
 pub mod group_solver;
 pub mod ingest;
 pub mod merge;
+pub mod output;
 pub mod partition;
 pub mod point_light;
 pub mod run;
 pub mod sample;
+pub mod sample_files;
+pub mod settings;
 pub mod solve_group;
 pub mod status;
 pub mod summary;

@@ -191,8 +191,8 @@ impl super::summary::Summary for Summary {
         let skipped: u64 = self.skipped.values().sum();
         let mut lines = vec![
             format!(
-                "{} patches of {} polygons in {} clusters, {} emitters, {:.1} m2; {skipped} faces skipped",
-                self.patches, self.input_polygons, self.clusters, self.emitters, self.area_m2
+                "{} patches ({} emitting) of {} polygons in {} clusters, {:.1} m2; {skipped} faces skipped",
+                self.patches, self.emitters, self.input_polygons, self.clusters, self.area_m2
             ),
             format!("{} m, up is {}", size.join(" x "), self.up),
         ];

@@ -1,0 +1,327 @@
+//! From parsed flags to the stage that does the work.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::{ArgMatches, FromArgMatches};
+
+use super::args::{
+    Cli, Common, Emit, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order, PartitionArgs, Quality,
+    SampleArgs, Schedule, Sides, SolveFlags, SolveGroupArgs, StatusArgs, Units, Up, Verb, VisibilityArgs,
+};
+use super::report::Report;
+use super::resources::Watch;
+use super::settings::Resolved;
+use super::summaries::{self, WithNext};
+use super::values::Inner;
+use super::{args::GcArgs, pages};
+use crate::base::memory::MemoryBudget;
+use crate::base::{Error, Progress, Result};
+use crate::model::order::UpdateOrder;
+use crate::stages::output::{self, Output};
+use crate::stages::{
+    entry, gc, ingest, merge, partition, sample, sample_files, settings, solve_group, status, visibility,
+};
+
+/// What every verb works with.
+pub struct Context<'a> {
+    /// Where it reports to.
+    pub progress: &'a dyn Progress,
+    /// What it uses.
+    pub watch: &'a Watch,
+    /// All flags, and where they come from.
+    pub resolved: &'a Resolved,
+}
+
+/// What a verb comes back with.
+pub enum Done {
+    /// A result to report.
+    Report(Box<Report>),
+    /// A page to print as it is.
+    Page(String),
+}
+
+impl From<Report> for Done {
+    fn from(report: Report) -> Self {
+        Self::Report(Box::new(report))
+    }
+}
+
+/// Parses clap's matches; what is wrong with them is a usage error by then.
+pub fn parse(matches: &ArgMatches) -> std::result::Result<Cli, clap::Error> {
+    Cli::from_arg_matches(matches)
+}
+
+/// Does what was asked.
+pub fn run(cli: Cli, context: &Context<'_>) -> Result<Done> {
+    let common = &cli.common;
+    let report = match cli.verb {
+        Verb::Ingest(args) => do_ingest(args, common, context),
+        Verb::Visibility(args) => do_visibility(args, common, context),
+        Verb::Partition(args) => do_partition(args, common, context),
+        Verb::SolveGroup(args) => do_solve_group(args, common, context),
+        Verb::Merge(args) => do_merge(args, common, context),
+        Verb::Status(args) => do_status(args, common),
+        Verb::Gc(args) => do_gc(args, common, context),
+        Verb::Sample(args) => do_sample(args, common, context),
+        Verb::Completions { shell } => return Ok(Done::Page(pages::completions(shell))),
+        Verb::Man => return pages::manual().map(Done::Page),
+        Verb::Help { topic } => return pages::help(topic.as_deref()).map(Done::Page),
+        Verb::Run(_) | Verb::Check(_) | Verb::Render(_) | Verb::Export(_) => Err(Error::failed("later", "later")),
+    }?;
+    Ok(report.into())
+}
+
+/// Lets the store remember what a stage was run with.
+fn remember(context: &Context<'_>, verb: &str, store: &Path, wait: Duration) -> Result<()> {
+    settings::record(store, wait, verb, &context.resolved.to_remember(verb))
+}
+
+/// Options of an ingest from its flags.
+fn ingest_options(store: PathBuf, models: Vec<PathBuf>, flags: &IngestFlags, common: &Common) -> ingest::Options {
+    ingest::Options {
+        store,
+        models,
+        units: match flags.units {
+            Units::M => ingest::Units::M,
+            Units::Cm => ingest::Units::Cm,
+            Units::Mm => ingest::Units::Mm,
+            Units::In => ingest::Units::In,
+            Units::Ft => ingest::Units::Ft,
+        },
+        up: match flags.up {
+            Up::Auto => None,
+            Up::Y => Some('y'),
+            Up::Z => Some('z'),
+        },
+        both_sides: flags.sides == Sides::Both,
+        materials: flags.materials.clone(),
+        emit_both: flags.emit == Emit::Both,
+        max_cluster_patches: flags.max_cluster_patches,
+        snap_m: flags.snap,
+        memory: MemoryBudget { limit_bytes: common.memory },
+        fresh: false,
+        wait: common.wait,
+    }
+}
+
+fn do_ingest(args: IngestArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = args.store.clone();
+    let mut options = ingest_options(args.store, args.models, &args.flags, common);
+    options.fresh = args.writing.fresh;
+    let plan = ingest::plan(&options)?;
+    if args.writing.dry_run {
+        return Ok(Report::plan("ingest", store, &plan.to_string()));
+    }
+    let summary = ingest::execute(plan, context.progress)?;
+    remember(context, "ingest", &store, common.wait)?;
+    Ok(Report::of("ingest", store, &summary))
+}
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get)
+}
+
+fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let workers = args.workers.workers.map_or_else(cores, |n| n as usize);
+    let options =
+        visibility::Options { missing: args.flags.missing, seed: args.seed.seed, workers, memory_bytes: common.memory };
+    if args.writing.dry_run {
+        let plan = visibility::plan(&store, &options)?;
+        let what = if plan.done { "nothing to do" } else { "rays from every cluster" };
+        let text = format!("visibility of {} clusters with {workers} workers: {what}", plan.clusters);
+        return Ok(Report::plan("visibility", args.store, &text));
+    }
+    let _lock = entry::coordinate(&store, "visibility")?;
+    if args.writing.fresh {
+        entry::forget_visibility(&store)?;
+    }
+    let summary = visibility::execute(&visibility::plan(&store, &options)?, context.progress)?;
+    remember(context, "visibility", &args.store, common.wait)?;
+    let next = Some(format!("clerestory partition {}", args.store.display()));
+    let lines = summaries::visibility(&summary);
+    Ok(Report::of("visibility", args.store, &WithNext { summary, next, lines }))
+}
+
+fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let options = partition::Options {
+        method: args.method.map(group_method),
+        groups: args.groups.groups,
+        memory_bytes: common.memory,
+    };
+    if args.writing.dry_run {
+        let plan = partition::plan(&store, &options)?;
+        let what = if plan.done {
+            "the groups stay as they are".to_owned()
+        } else {
+            format!("at least {} groups", plan.groups)
+        };
+        return Ok(Report::plan("partition", args.store, &what));
+    }
+    let _lock = entry::coordinate(&store, "partition")?;
+    if args.writing.fresh {
+        entry::forget_partition(&store)?;
+    }
+    let summary = partition::execute(&partition::plan(&store, &options)?, context.progress)?;
+    remember(context, "partition", &args.store, common.wait)?;
+    let next = Some(format!("clerestory solve-group {} --until-done", args.store.display()));
+    let lines = summaries::partition(&summary);
+    Ok(Report::of("partition", args.store, &WithNext { summary, next, lines }))
+}
+
+fn group_method(method: GroupMethod) -> partition::Method {
+    match method {
+        GroupMethod::Merge => partition::Method::Merge,
+        GroupMethod::Split => partition::Method::Split,
+        GroupMethod::Region => partition::Method::Region,
+        GroupMethod::Random => partition::Method::Random,
+    }
+}
+
+/// `--tolerance`, or that of `--quality`.
+fn tolerance(flags: &SolveFlags) -> f64 {
+    flags.tolerance.unwrap_or(match flags.quality {
+        Quality::Preview => 0.1,
+        Quality::Draft => 0.05,
+        Quality::Standard => 0.02,
+        Quality::Final => 0.01,
+    })
+}
+
+fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let flags = &args.flags;
+    let options = solve_group::Options {
+        which: match args.which.group {
+            Some(group) => solve_group::Which::Group(group),
+            None if args.which.next => solve_group::Which::Next,
+            None => solve_group::Which::UntilDone,
+        },
+        version: args.version,
+        tolerance: tolerance(flags),
+        min_element_m: flags.min_element,
+        inner: match flags.inner {
+            Inner::Gathers(n) => solve_group::InnerOption::Gathers(n),
+            Inner::Converge => solve_group::InnerOption::Converge,
+        },
+        keep_links: flags.links == LinkStorage::Keep,
+        link_cache_bytes: flags.link_cache,
+        order: match flags.order {
+            Order::Jacobi => UpdateOrder::Jacobi,
+            Order::Replace => UpdateOrder::Replace,
+            Order::Sequential => UpdateOrder::Sequential,
+        },
+        schedule: match args.schedule.schedule {
+            Schedule::Ffd => solve_group::Policy::Ffd,
+            Schedule::Ws => solve_group::Policy::Ws,
+            Schedule::FfdWs => solve_group::Policy::FfdWs { delta: args.schedule.delta },
+        },
+        seed: args.seed.seed,
+        memory_bytes: common.memory,
+    };
+    let plan = solve_group::plan(&store, &options)?;
+    if args.dry_run {
+        let text = format!(
+            "solve {} of {} groups, no element edge below {:.4} m, memory at most {} MiB",
+            match options.which {
+                solve_group::Which::Group(group) => format!("group {group}"),
+                solve_group::Which::Next => "the next free one".to_owned(),
+                solve_group::Which::UntilDone => "all that are free".to_owned(),
+            },
+            plan.groups,
+            plan.min_element_m,
+            common.memory >> 20
+        );
+        return Ok(Report::plan("solve-group", args.store, &text));
+    }
+    let resources = || {
+        let f = context.watch.figures();
+        solve_group::Resources {
+            peak_anon_bytes: f.peak_anon_bytes,
+            cpu_s: f.cpu_s,
+            bytes_read: f.bytes_read,
+            bytes_written: f.bytes_written,
+        }
+    };
+    let _process = entry::enter(&store, "solve-group", None)?;
+    let summary = solve_group::execute(&plan, &resources, context.progress)?;
+    remember(context, "solve-group", &args.store, common.wait)?;
+    let next = status::read(&store, &status::Options::default())?.next;
+    let mut lines = summaries::solve_group(&summary);
+    lines.push(format!("No element edge below {:.4} m.", plan.min_element_m));
+    Ok(Report::of("solve-group", args.store, &WithNext { summary, next, lines }))
+}
+
+fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let plan = merge::plan(&store, &merge::Options::default())?;
+    if args.dry_run {
+        return Ok(Report::plan("merge", args.store, "publish the updates that wait"));
+    }
+    let _process = entry::enter(&store, "merge", None)?;
+    let summary = merge::execute(&store, plan, context.progress)?;
+    let (next, lines) = (summary.next.clone(), summaries::merge(&summary));
+    Ok(Report::of("merge", args.store, &WithNext { summary, next, lines }))
+}
+
+fn do_status(args: StatusArgs, common: &Common) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let summary = status::read(&store, &status::Options::default())?;
+    let next = summary.next.clone();
+    let mut lines = summaries::status(&summary);
+    let mut report_settings = None;
+    if args.settings {
+        let settings = super::settings::of_stages(&args.store)?;
+        for s in &settings {
+            lines.push(format!("{:<12} {:<20} {:<12} {}", s.verb, s.flag, s.value, s.source));
+        }
+        report_settings = Some(serde_json::to_value(&settings).unwrap_or_default());
+    }
+    let mut report = Report::of("status", args.store, &WithNext { summary, next, lines });
+    if let Some(settings) = report_settings {
+        report.keys.insert("settings".to_owned(), settings);
+    }
+    Ok(report)
+}
+
+fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let plan = gc::plan(&store, &gc::Options { keep: args.keep })?;
+    if args.dry_run {
+        let text = format!("keep version 0 and the newest {} ends of iterations of each branch", args.keep);
+        return Ok(Report::plan("gc", args.store, &text));
+    }
+    let _process = entry::enter(&store, "gc", None)?;
+    let summary = gc::execute(&store, &plan, context.progress)?;
+    let (next, lines) = (summary.next.clone(), summaries::gc(&summary));
+    Ok(Report::of("gc", args.store, &WithNext { summary, next, lines }))
+}
+
+fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    refuse_two_documents(&args.output.output, common)?;
+    let store = entry::open(&args.store, common.wait)?;
+    output::check(&args.output.output, args.output.force)?;
+    let version = entry::version_to_read(&store, args.version)?;
+    if args.output.dry_run {
+        return Ok(Report::plan("sample", args.store, &format!("sample version {version}")));
+    }
+    let _process = entry::enter(&store, "sample", Some(version))?;
+    let options = sample::Options { version: Some(version), snap_m: args.snap };
+    let output = Output::create(&args.output.output, args.output.force)?;
+    let summary = sample_files::sample(&store, &options, &args.points, output, context.progress)?;
+    let lines = summaries::sample(&summary);
+    Ok(Report::of("sample", args.store, &WithNext { summary, next: None, lines }).beside(&args.output.output))
+}
+
+/// stdout holds one thing.
+fn refuse_two_documents(output: &Path, common: &Common) -> Result<()> {
+    if output.as_os_str() == "-" && common.json {
+        return Err(Error::Usage {
+            message: "`-o -` and `--json` both write to stdout".to_owned(),
+            help: "name a file, or leave out `--json`".to_owned(),
+        });
+    }
+    Ok(())
+}

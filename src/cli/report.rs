@@ -1,0 +1,132 @@
+//! What a verb ends with: a few lines for people, one JSON document for programs, or an error.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::drawing::{bytes, span};
+use super::resources::Figures;
+use crate::base::Error;
+use crate::stages::summary::Summary;
+
+/// A verb's result, whatever the verb.
+pub struct Report {
+    /// As typed.
+    pub verb: &'static str,
+    /// The store it worked on.
+    pub store: Option<PathBuf>,
+    /// Its own JSON keys.
+    pub keys: Map<String, Value>,
+    /// For people.
+    pub lines: Vec<String>,
+    /// The command to type next.
+    pub next: Option<String>,
+    /// Why the exit code is not 0.
+    pub shortfall: Option<Error>,
+    /// Whether stdout carries data, so that the lines go to stderr.
+    pub stdout_is_taken: bool,
+}
+
+impl Report {
+    /// Of a stage's summary.
+    #[must_use]
+    pub fn of(verb: &'static str, store: PathBuf, summary: &impl Summary) -> Self {
+        let keys = match serde_json::to_value(summary) {
+            Ok(Value::Object(keys)) => keys,
+            _ => Map::new(),
+        };
+        Self {
+            verb,
+            store: Some(store),
+            keys,
+            lines: summary.lines(),
+            next: summary.next(),
+            shortfall: summary.shortfall(),
+            stdout_is_taken: false,
+        }
+    }
+
+    /// Of a dry run: the plan's text.
+    #[must_use]
+    pub fn plan(verb: &'static str, store: PathBuf, plan: &str) -> Self {
+        let lines: Vec<String> = plan.lines().map(str::to_owned).collect();
+        let keys = Map::from_iter([("plan".to_owned(), json!(lines))]);
+        Self { verb, store: Some(store), keys, lines, next: None, shortfall: None, stdout_is_taken: false }
+    }
+
+    /// Beside what the verb wrote to `output`.
+    #[must_use]
+    pub fn beside(mut self, output: &Path) -> Self {
+        self.stdout_is_taken = output.as_os_str() == "-";
+        self
+    }
+
+    /// The JSON document. A verb's own `peak_*` are of its children: the larger counts.
+    #[must_use]
+    pub fn json(&self, figures: &Figures, warnings: &[String]) -> Value {
+        let mut document = Map::new();
+        let mut put = |key: &str, value: Value| document.insert(key.to_owned(), value);
+        put("command", json!(self.verb));
+        put("store", json!(self.store));
+        put("version_of_program", json!(env!("CARGO_PKG_VERSION")));
+        put("wall_s", json!(figures.wall_s));
+        put("cpu_s", json!(figures.cpu_s));
+        let own = |key: &str| self.keys.get(key).and_then(Value::as_u64).unwrap_or(0);
+        put("peak_rss_bytes", json!(figures.peak_rss_bytes.max(own("peak_rss_bytes"))));
+        put("peak_anon_bytes", json!(figures.peak_anon_bytes.max(own("peak_anon_bytes"))));
+        put("bytes_read", json!(figures.bytes_read));
+        put("bytes_written", json!(figures.bytes_written));
+        put("warnings", json!(warnings));
+        put("next", json!(self.next));
+        for (key, value) in &self.keys {
+            if !document.contains_key(key) {
+                document.insert(key.clone(), value.clone());
+            }
+        }
+        Value::Object(document)
+    }
+
+    /// The lines for people, figures and next command included.
+    #[must_use]
+    pub fn text(&self, figures: &Figures) -> String {
+        let mut out: String = self.lines.iter().map(|line| format!("{line}\n")).collect();
+        out += &format!(
+            "Done in {} (CPU {}, peak {} anonymous, {} resident; {} read, {} written).\n",
+            span(figures.wall_s),
+            span(figures.cpu_s),
+            bytes(figures.peak_anon_bytes),
+            bytes(figures.peak_rss_bytes),
+            bytes(figures.bytes_read),
+            bytes(figures.bytes_written)
+        );
+        if let Some(next) = &self.next {
+            out += &format!("Next: {next}\n");
+        }
+        out
+    }
+}
+
+/// Prints an error as two lines on stderr, with `--json` also as a document.
+pub fn print_error(error: &Error, as_json: bool) {
+    let mut stderr = std::io::stderr().lock();
+    let (message, help) = (error.to_string(), error.remedy());
+    // Nobody is left to tell if stderr is gone.
+    let _ = writeln!(stderr, "error: {message}\nhelp: {help}");
+    if as_json {
+        let document =
+            json!({"message_type": "exit_error", "code": error.exit_code(), "message": message, "help": help});
+        let _ = writeln!(stderr, "{document}");
+    }
+}
+
+/// Writes to stdout; a reader who has gone away is no error.
+pub fn print(text: &str) -> Result<(), Error> {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::failed(format!("stdout: {e}"), "check where the output goes"))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,133 @@
+//! What the process uses: processor time, memory, bytes, read from `/proc`; memory is sampled by a
+//! thread of its own.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Between two looks at the anonymous memory.
+const PERIOD: Duration = Duration::from_millis(20);
+/// Clock ticks of `/proc/self/stat`: fixed on Linux.
+const TICKS_PER_S: f64 = 100.0;
+
+/// Figures of a process and of its children that have ended.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Figures {
+    /// Since the start of the watch, s.
+    pub wall_s: f64,
+    /// Processor time, s.
+    pub cpu_s: f64,
+    /// Largest resident memory, bytes.
+    pub peak_rss_bytes: u64,
+    /// Largest anonymous memory, bytes.
+    pub peak_anon_bytes: u64,
+    /// Bytes read: by calls, or from disk where more (mapped files).
+    pub bytes_read: u64,
+    /// Bytes written.
+    pub bytes_written: u64,
+}
+
+/// Watches the process until dropped.
+pub struct Watch {
+    began: Instant,
+    peak_anon: Arc<AtomicU64>,
+    ended: Arc<AtomicBool>,
+    sampler: Option<JoinHandle<()>>,
+}
+
+impl Watch {
+    /// Begins to watch.
+    #[must_use]
+    pub fn start() -> Self {
+        let (peak_anon, ended) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+        let (peak, end) = (peak_anon.clone(), ended.clone());
+        // Without the sampler the figure is that of the moments when it is asked for.
+        let sampler = std::thread::Builder::new().name("memory".to_owned()).stack_size(128 << 10).spawn(move || {
+            while !end.load(Ordering::Relaxed) {
+                sample(&peak);
+                std::thread::park_timeout(PERIOD);
+            }
+        });
+        Self { began: Instant::now(), peak_anon, ended, sampler: sampler.ok() }
+    }
+
+    /// The figures so far.
+    #[must_use]
+    pub fn figures(&self) -> Figures {
+        sample(&self.peak_anon);
+        let io = std::fs::read_to_string("/proc/self/io").unwrap_or_default();
+        let of = |key| field(&io, key).unwrap_or(0);
+        Figures {
+            wall_s: self.began.elapsed().as_secs_f64(),
+            cpu_s: cpu_s(),
+            peak_rss_bytes: status("VmHWM:"),
+            peak_anon_bytes: self.peak_anon.load(Ordering::Relaxed),
+            bytes_read: of("rchar:").max(of("read_bytes:")),
+            bytes_written: of("wchar:"),
+        }
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.ended.store(true, Ordering::Relaxed);
+        if let Some(sampler) = self.sampler.take() {
+            sampler.thread().unpark();
+            let _ = sampler.join();
+        }
+    }
+}
+
+fn sample(peak: &AtomicU64) {
+    peak.fetch_max(status("RssAnon:"), Ordering::Relaxed);
+}
+
+fn field(text: &str, key: &str) -> Option<u64> {
+    text.lines().find_map(|line| line.strip_prefix(key)?.split_whitespace().next()?.parse().ok())
+}
+
+/// A line of `/proc/self/status`, from KiB to bytes.
+fn status(key: &str) -> u64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    field(&text, key).unwrap_or(0) * 1024
+}
+
+/// User and system time of this process and of its ended children, s.
+fn cpu_s() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name, in parentheses, may hold blanks: fields count from behind it.
+    let after = text.rsplit_once(')').map_or("", |p| p.1);
+    let ticks: u64 = after.split_whitespace().skip(11).take(4).filter_map(|t| t.parse::<u64>().ok()).sum();
+    ticks as f64 / TICKS_PER_S
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peak_of_anonymous_memory_is_seen_after_it_is_gone() {
+        let watch = Watch::start();
+        let before = watch.figures();
+        let mut block = vec![0u8; 64 << 20];
+        for i in (0..block.len()).step_by(4096) {
+            block[i] = 1;
+        }
+        std::thread::sleep(10 * PERIOD);
+        assert_eq!(block[4096], 1);
+        drop(block);
+        let after = watch.figures();
+        assert!(after.peak_anon_bytes >= before.peak_anon_bytes.max(64 << 20), "{after:?}");
+        assert!(after.wall_s > before.wall_s && after.bytes_read > 0);
+    }
+
+    #[test]
+    fn working_takes_processor_time() {
+        let before = cpu_s();
+        let began = Instant::now();
+        while cpu_s() < before + 0.05 {
+            assert!(began.elapsed() < Duration::from_secs(20), "no tick in 20 s");
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! Where values come from: flag > environment > `clerestory.toml` > what the store remembers >
+//! default.
+//!
+//! The lower layers become clap's defaults, so that every value is checked and shown in one way.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::parser::ValueSource;
+use clap::{ArgAction, ArgMatches, Command, CommandFactory};
+use serde::Serialize;
+
+use super::args::Cli;
+use crate::base::{Error, Result};
+use crate::stages::settings;
+
+/// In the current folder.
+const FILE: &str = "clerestory.toml";
+
+/// Flags that a store remembers, by the stage that they shape.
+const REMEMBERED: [(&str, &[&str]); 4] = [
+    ("ingest", &["units", "up", "sides", "materials", "emit", "max-cluster-patches", "snap"]),
+    ("visibility", &["method", "missing", "seed"]),
+    ("partition", &["method", "groups"]),
+    ("solve-group", &["tolerance", "quality", "min-element", "inner", "links", "order", "seed"]),
+];
+
+/// Flags that only mean something on the command line.
+const COMMAND_LINE_ONLY: [&str; 6] = ["version", "output", "points", "group", "store", "help"];
+
+/// A value that a verb runs with.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Setting {
+    /// The verb.
+    pub verb: String,
+    /// Its flag, without dashes.
+    pub flag: String,
+    /// As typed.
+    pub value: String,
+    /// `flag`, `environment`, `clerestory.toml`, `store` or `default`.
+    pub source: &'static str,
+}
+
+/// What came of all layers.
+pub struct Resolved {
+    /// As clap parsed it.
+    pub matches: ArgMatches,
+    lower: BTreeMap<String, (String, &'static str)>,
+}
+
+/// The command with the environment as a layer of every flag that takes a value.
+#[must_use]
+pub fn command() -> Command {
+    let mut command = with_environment(Cli::command());
+    let verbs: Vec<String> = command.get_subcommands().map(|c| c.get_name().to_owned()).collect();
+    for verb in verbs {
+        command = command.mut_subcommand(verb, with_environment);
+    }
+    command
+}
+
+fn with_environment(command: Command) -> Command {
+    command.mut_args(|arg| match settable(&arg) {
+        Some(flag) => {
+            let name = format!("CLERESTORY_{}", flag.replace('-', "_").to_uppercase());
+            arg.env(name).hide_env(true)
+        }
+        None => arg,
+    })
+}
+
+/// The name of a flag that takes a value and may come from elsewhere than the command line.
+fn settable(arg: &clap::Arg) -> Option<String> {
+    let flag = arg.get_long()?;
+    let takes_value = matches!(arg.get_action(), ArgAction::Set | ArgAction::Append);
+    (takes_value && !COMMAND_LINE_ONLY.contains(&flag)).then(|| flag.to_owned())
+}
+
+/// Parses a command line over all layers.
+pub fn resolve(line: &[OsString]) -> std::result::Result<Result<Resolved>, clap::Error> {
+    let command = command();
+    let first = command.clone().try_get_matches_from(line)?;
+    let Some((verb, matches)) = first.subcommand() else {
+        return Ok(Ok(Resolved { matches: first, lower: BTreeMap::new() }));
+    };
+    let lower = match lower_layers(&command, verb, matches) {
+        Ok(lower) => lower,
+        Err(error) => return Ok(Err(error)),
+    };
+    let set = |command: Command| {
+        command.mut_args(|arg| match settable(&arg).and_then(|flag| lower.get(&flag)) {
+            Some((value, _)) => arg.default_value(value.clone()),
+            None => arg,
+        })
+    };
+    let matches = set(command).mut_subcommand(verb, set).try_get_matches_from(line)?;
+    Ok(Ok(Resolved { matches, lower }))
+}
+
+/// Values of the file and the store for a verb's flags.
+fn lower_layers(
+    command: &Command,
+    verb: &str,
+    matches: &ArgMatches,
+) -> Result<BTreeMap<String, (String, &'static str)>> {
+    let flags: Vec<String> = command
+        .find_subcommand(verb)
+        .into_iter()
+        .flat_map(|c| c.get_arguments().chain(command.get_arguments()))
+        .filter_map(settable)
+        .collect();
+    let mut lower = BTreeMap::new();
+    let is_fresh = matches.try_get_one::<bool>("fresh").ok().flatten().copied().unwrap_or(false);
+    if let Some(store) = store_of(matches)
+        && !is_fresh
+    {
+        let wait = matches.get_one::<Duration>("wait").copied().unwrap_or_default();
+        // A store that can't be read is the stage's to report.
+        for ((stage, flag), value) in settings::recorded(&store, wait).unwrap_or_default() {
+            if let Some(flag) = flag_on(verb, &stage, &flag)
+                && flags.contains(&flag)
+            {
+                lower.insert(flag, (value, "store"));
+            }
+        }
+    }
+    for (flag, value) in file_values(Path::new(FILE), command, verb)? {
+        if flags.contains(&flag) {
+            lower.insert(flag, (value, FILE));
+        }
+    }
+    forget_overruled_tolerance(matches, &mut lower);
+    Ok(lower)
+}
+
+/// A tolerance that the store remembers gives way to a quality that somebody chose just now.
+fn forget_overruled_tolerance(matches: &ArgMatches, lower: &mut BTreeMap<String, (String, &'static str)>) {
+    if matches.try_contains_id("quality").is_err() {
+        return;
+    }
+    let chosen = matches!(matches.value_source("quality"), Some(ValueSource::CommandLine | ValueSource::EnvVariable))
+        || lower.get("quality").is_some_and(|q| q.1 == FILE);
+    if chosen && lower.get("tolerance").is_some_and(|t| t.1 == "store") {
+        lower.remove("tolerance");
+    }
+}
+
+/// The store that a command line names.
+#[must_use]
+pub fn store_of(matches: &ArgMatches) -> Option<PathBuf> {
+    if let Ok(Some(store)) = matches.try_get_one::<PathBuf>("store") {
+        return Some(store.clone());
+    }
+    matches.try_get_many::<PathBuf>("models").ok()??.next().map(|model| default_store(model))
+}
+
+/// In the current folder, after the model: `office.obj` -> `office.clr`.
+#[must_use]
+pub fn default_store(model: &Path) -> PathBuf {
+    let stem = model.file_stem().unwrap_or_default().to_string_lossy();
+    PathBuf::from(format!("{stem}.clr"))
+}
+
+/// What a verb calls a stage's flag, if it has it.
+fn flag_on(verb: &str, stage: &str, flag: &str) -> Option<String> {
+    match (verb, stage, flag) {
+        ("run", "partition", "method") => Some("partition".to_owned()),
+        ("sample", "ingest", "snap") => None,
+        ("run", ..) => Some(flag.to_owned()),
+        _ => (verb == stage).then(|| flag.to_owned()),
+    }
+}
+
+/// Values of `clerestory.toml`: flags at the top, or in a table named after the verb.
+fn file_values(path: &Path, command: &Command, verb: &str) -> Result<BTreeMap<String, String>> {
+    let Ok(text) = std::fs::read_to_string(path) else { return Ok(BTreeMap::new()) };
+    let wrong = |what: String| Error::Usage {
+        message: format!("{}: {what}", path.display()),
+        help: "write flags without dashes, like `link-cache = \"32M\"`".to_owned(),
+    };
+    let table: toml::Table = text.parse().map_err(|e: toml::de::Error| wrong(e.message().to_owned()))?;
+    let known = |flag: &str| {
+        let all = command.get_subcommands().flat_map(Command::get_arguments).chain(command.get_arguments());
+        all.filter_map(settable).any(|f| f == flag)
+    };
+    let mut values = BTreeMap::new();
+    let mut own = BTreeMap::new();
+    for (key, value) in &table {
+        match value {
+            toml::Value::Table(table) if command.find_subcommand(key).is_some() => {
+                for (key, value) in table {
+                    let flag = key.replace('_', "-");
+                    if !known(&flag) {
+                        return Err(wrong(format!("there is no flag `{key}`")));
+                    }
+                    own.insert(flag, (key.clone(), value));
+                }
+                if key != verb {
+                    own.clear();
+                }
+                values.extend(std::mem::take(&mut own));
+            }
+            _ if known(&key.replace('_', "-")) => {
+                values.entry(key.replace('_', "-")).or_insert((key.clone(), value));
+            }
+            _ => return Err(wrong(format!("there is no flag `{key}`"))),
+        }
+    }
+    values
+        .into_iter()
+        .map(|(flag, (key, value))| match value {
+            toml::Value::String(s) => Ok((flag, s.clone())),
+            toml::Value::Integer(_) | toml::Value::Float(_) => Ok((flag, value.to_string())),
+            _ => Err(wrong(format!("`{key}` is neither text nor a number"))),
+        })
+        .collect()
+}
+
+/// What each stage would run with on a store if nothing were given on the command line.
+pub fn of_stages(store: &Path) -> Result<Vec<Setting>> {
+    let mut out = Vec::new();
+    for (verb, rest) in
+        [("ingest", &["model.obj"][..]), ("visibility", &[]), ("partition", &[]), ("solve-group", &["--next"])]
+    {
+        let mut line: Vec<OsString> = vec!["clerestory".into(), verb.into(), store.into()];
+        line.extend(rest.iter().map(OsString::from));
+        let resolved = resolve(&line).map_err(|e| Error::Usage {
+            message: e.to_string().lines().next().unwrap_or_default().to_owned(),
+            help: "correct the environment or clerestory.toml".to_owned(),
+        })??;
+        out.extend(resolved.settings(verb));
+    }
+    Ok(out)
+}
+
+impl Resolved {
+    /// Every value of a verb's flags and where it came from.
+    #[must_use]
+    pub fn settings(&self, verb: &str) -> Vec<Setting> {
+        let Some(matches) = self.matches.subcommand_matches(verb) else { return Vec::new() };
+        let command = command();
+        let Some(of) = command.find_subcommand(verb) else { return Vec::new() };
+        let mut out = Vec::new();
+        for arg in of.get_arguments().chain(command.get_arguments()) {
+            let Some(flag) = settable(arg) else { continue };
+            let id = arg.get_id().as_str();
+            let Ok(Some(raw)) = matches.try_get_raw(id) else { continue };
+            let value = raw.map(|v| v.to_string_lossy()).collect::<Vec<_>>().join(" ");
+            let source = match matches.value_source(id) {
+                Some(ValueSource::CommandLine) => "flag",
+                Some(ValueSource::EnvVariable) => "environment",
+                _ => self.lower.get(&flag).map_or("default", |l| l.1),
+            };
+            out.push(Setting { verb: verb.to_owned(), flag, value, source });
+        }
+        out
+    }
+
+    /// What the store is to remember for a stage after this verb: everything but defaults.
+    #[must_use]
+    pub fn to_remember(&self, verb: &str) -> Vec<(String, String)> {
+        let Some((_, flags)) = REMEMBERED.iter().find(|r| r.0 == verb) else { return Vec::new() };
+        self.settings(verb)
+            .into_iter()
+            .filter(|s| s.source != "default" && flags.contains(&s.flag.as_str()))
+            .map(|s| (s.flag, s.value))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_gives_flags_by_name_and_by_verb_and_refuses_unknown_ones() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        let values = |text: &str, verb: &str| {
+            std::fs::write(&path, text).unwrap();
+            file_values(&path, &command(), verb)
+        };
+        let text = "link_cache = \"64M\"\nmissing = 0.01\n[solve-group]\nlink-cache = \"8M\"\n";
+        assert_eq!(values(text, "solve-group").unwrap()["link-cache"], "8M");
+        assert_eq!(values(text, "run").unwrap()["link-cache"], "64M");
+        assert_eq!(values(text, "visibility").unwrap()["missing"], "0.01");
+        let error = values("linkcache = 1", "run").unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("`linkcache`"), "{error}");
+        assert_eq!(values("version = 3", "run").unwrap_err().exit_code(), 2);
+    }
+
+    #[test]
+    fn the_default_store_lies_in_the_current_folder_after_the_model() {
+        assert_eq!(default_store(Path::new("../models/office.v2.obj")), Path::new("office.v2.clr"));
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        command().debug_assert();
+    }
+}

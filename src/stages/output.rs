@@ -1,0 +1,133 @@
+//! Files that verbs write: whole or not at all, never over an existing one without `--force`.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::base::{Error, Result};
+
+enum Target {
+    Stdout(io::Stdout),
+    File { file: BufWriter<File>, part: PathBuf, path: PathBuf },
+}
+
+/// A file on its way; gone again unless finished.
+pub struct Output {
+    target: Target,
+    finished: bool,
+}
+
+/// Refuses to overwrite, before any work is done. `-` is stdout.
+pub fn check(path: &Path, force: bool) -> Result<()> {
+    if path.as_os_str() != "-" && path.exists() && !force {
+        return Err(Error::failed(
+            format!("{}: the file is there already", path.display()),
+            "give `--force` to overwrite it, or another name",
+        ));
+    }
+    Ok(())
+}
+
+impl Output {
+    /// Starts a file; `-` is stdout. It takes its name when finished.
+    pub fn create(path: &Path, force: bool) -> Result<Self> {
+        check(path, force)?;
+        if path.as_os_str() == "-" {
+            return Ok(Self { target: Target::Stdout(io::stdout()), finished: true });
+        }
+        let mut name = path.file_name().unwrap_or_default().to_os_string();
+        name.push(format!(".part-{}", std::process::id()));
+        let part = path.with_file_name(name);
+        let file = File::create(&part).map_err(|e| Error::io(&part, &e))?;
+        let target = Target::File { file: BufWriter::with_capacity(256 << 10, file), part, path: path.to_path_buf() };
+        Ok(Self { target, finished: false })
+    }
+
+    /// Gives the file its name.
+    pub fn finish(mut self) -> Result<()> {
+        match &mut self.target {
+            Target::Stdout(stdout) => match stdout.flush() {
+                Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), &e)),
+                _ => Ok(()),
+            },
+            Target::File { file, part, path } => {
+                file.flush().map_err(|e| Error::io(part, &e))?;
+                std::fs::rename(&part, &path).map_err(|e| Error::io(path, &e))?;
+                self.finished = true;
+                Ok(())
+            }
+        }
+    }
+
+    /// An I/O failure on this file.
+    #[must_use]
+    pub fn error(&self, source: &io::Error) -> Error {
+        match &self.target {
+            Target::Stdout(_) => Error::io(Path::new("stdout"), source),
+            Target::File { path, .. } => Error::io(path, source),
+        }
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.target {
+            // Whoever read has seen enough: the rest goes nowhere, and that is success.
+            Target::Stdout(stdout) => match stdout.write(bytes) {
+                Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(bytes.len()),
+                other => other,
+            },
+            Target::File { file, .. } => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.target {
+            Target::Stdout(stdout) => match stdout.flush() {
+                Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+                other => other,
+            },
+            Target::File { file, .. } => file.flush(),
+        }
+    }
+}
+
+impl Seek for Output {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match &mut self.target {
+            Target::Stdout(_) => Err(io::Error::other("stdout can't go back")),
+            Target::File { file, .. } => file.seek(to),
+        }
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        if let (false, Target::File { part, .. }) = (self.finished, &self.target) {
+            // The error that led here is what matters.
+            let _ = std::fs::remove_file(part);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_appears_whole_or_not_at_all_and_is_not_overwritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("out.csv");
+        let mut dropped = Output::create(&path, false).unwrap();
+        dropped.write_all(b"half").unwrap();
+        drop(dropped);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        let mut whole = Output::create(&path, false).unwrap();
+        whole.write_all(b"whole").unwrap();
+        whole.finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"whole");
+        assert!(Output::create(&path, false).is_err());
+        Output::create(&path, true).unwrap().finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"");
+    }
+}
