@@ -18,15 +18,19 @@ pub struct RayScene<'a> {
     file: &'a [u8],
     /// Faces this near coincide, m.
     pub(super) snap_m: f64,
+    /// Largest coordinate of any box, m.
+    pub(super) reach_m: f64,
 }
 
 impl<'a> RayScene<'a> {
     /// From the top extent and the whole segment file that it and all clusters' structures lie in;
     /// what is wrong with them otherwise. `snap_m`: faces this near coincide.
     pub fn new(top: TopRaysView<'a>, file: &'a [u8], snap_m: f64) -> Result<Self, String> {
-        let scene = Self { top, file, snap_m };
+        let root = top.nodes.first().ok_or("the top level of the ray structure is empty")?;
+        let reach_m = root.min_m.iter().chain(&root.max_m).fold(0.0, |m: f64, x| m.max(f64::from(x.abs())));
+        let scene = Self { top, file, snap_m, reach_m };
         for at in top.clusters {
-            if scene.try_cluster(at).is_none() {
+            if scene.try_cluster(at).is_none_or(|c| c.nodes.is_empty()) {
                 return Err(format!("the ray structure of cluster {} lies outside its segment", at.cluster));
             }
         }

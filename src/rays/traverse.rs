@@ -4,7 +4,7 @@
 //! the edge mirrors exactly, and counts zero as inside: a ray through a shared edge meets at least
 //! one of the two. Where faces coincide, a ray meets the one that fronts it: see [`Rank`].
 
-use glam::DVec3;
+use glam::{DVec3, Vec3A};
 
 use super::scene::{PatchKey, RayScene};
 use crate::geom::bounds::Bounds;
@@ -47,29 +47,37 @@ pub struct Hit {
     pub t: f64,
 }
 
+/// A ray: f64 for patches, f32 for boxes, which are padded by more than f32 loses.
 struct Ray {
     from: DVec3,
     along: DVec3,
-    inverse: DVec3,
+    box_from: Vec3A,
+    box_inverse: Vec3A,
+    box_padding: Vec3A,
 }
 
 impl Ray {
-    fn new(from: DVec3, along: DVec3) -> Self {
-        let safe = |x: f64| if x.abs() < 1e-200 { 1e200_f64.copysign(x) } else { 1.0 / x };
-        Self { from, along, inverse: DVec3::new(safe(along.x), safe(along.y), safe(along.z)) }
+    /// `reach_m`: largest coordinate of any box or start, which bounds the rounding of differences.
+    fn new(from: DVec3, along: DVec3, reach_m: f64) -> Self {
+        let reach_m = reach_m.max(from.abs().max_element());
+        let safe = |x: f64| if x.abs() < 1e-30 { 1e30_f64.copysign(x) } else { 1.0 / x };
+        let inverse = DVec3::new(safe(along.x), safe(along.y), safe(along.z));
+        Self {
+            from,
+            along,
+            box_from: from.as_vec3a(),
+            box_inverse: inverse.as_vec3a(),
+            box_padding: (inverse.abs() * (reach_m * 4e-7)).as_vec3a(),
+        }
     }
 
     /// Entry distance into a box if the ray meets it within `from..=to`.
-    #[inline]
-    fn enters(&self, node: &RayNode, from: f64, to: f64) -> Option<f64> {
-        let a = (DVec3::from_array(node.min_m.map(f64::from)) - self.from) * self.inverse;
-        let b = (DVec3::from_array(node.max_m.map(f64::from)) - self.from) * self.inverse;
-        let (low, high) = (a.min(b), a.max(b));
-        // A slab's rounding error is a few ulp of its distances: widen by far more than that.
-        let near = low.x.max(low.y).max(low.z);
-        let far = high.x.min(high.y).min(high.z);
-        let near = (near - near.abs() * 1e-14).max(from);
-        let far = (far + far.abs() * 1e-14).min(to);
+    #[inline(always)]
+    fn enters(&self, node: &RayNode, from: f32, to: f32) -> Option<f32> {
+        let a = (Vec3A::from(node.min_m) - self.box_from) * self.box_inverse;
+        let b = (Vec3A::from(node.max_m) - self.box_from) * self.box_inverse;
+        let near = (a.min(b) - self.box_padding).max_element().max(from);
+        let far = (a.max(b) + self.box_padding).min_element().min(to);
         (near <= far).then_some(near)
     }
 
@@ -113,31 +121,13 @@ impl RayScene<'_> {
     /// lower the limit, and stops the visit by returning true.
     #[inline]
     fn visit(&self, ray: &Ray, low: f64, mut limit: f64, mut met: impl FnMut(u32, &RayPatch, f64, &mut f64) -> bool) {
-        let mut top = Stack::new();
-        top.push(0);
-        while let Some(at) = top.pop() {
-            let node = &self.top.nodes[at as usize];
-            if ray.enters(node, low, limit).is_none() {
-                continue;
-            }
-            if node.count == 0 {
-                top.push_nearer_last(ray, self.top.nodes, node.first, low, limit);
-                continue;
-            }
+        let mut top = Stack::new(ray, self.top.nodes, low, limit);
+        while let Some(node) = top.pop(ray, limit) {
             for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
                 let rays = self.cluster(reference);
-                let mut stack = Stack::new();
-                stack.push(0);
-                while let Some(at) = stack.pop() {
-                    let node = &rays.nodes[at as usize];
-                    if ray.enters(node, low, limit).is_none() {
-                        continue;
-                    }
-                    if node.count == 0 {
-                        stack.push_nearer_last(ray, rays.nodes, node.first, low, limit);
-                        continue;
-                    }
-                    for patch in &rays.patches[node.first as usize..(node.first + node.count) as usize] {
+                let mut stack = Stack::new(ray, rays.nodes, low, limit);
+                while let Some(leaf) = stack.pop(ray, limit) {
+                    for patch in &rays.patches[leaf.first as usize..(leaf.first + leaf.count) as usize] {
                         if let Some(t) = ray.meets(patch)
                             && t >= low
                             && t <= limit
@@ -179,7 +169,7 @@ impl RayScene<'_> {
     /// Whether anything lies between two points on two patches; neither patch counts.
     #[must_use]
     pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
-        let ray = Ray::new(from, to - from);
+        let ray = Ray::new(from, to - from, self.reach_m);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
         let mut blocked = false;
         self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
@@ -207,7 +197,7 @@ impl RayScene<'_> {
     #[must_use]
     pub fn blocked_between(&self, from: DVec3, to: DVec3) -> bool {
         let mut blocked = false;
-        self.visit(&Ray::new(from, to - from), 0.0, 1.0, |_, _, t, _| {
+        self.visit(&Ray::new(from, to - from, self.reach_m), 0.0, 1.0, |_, _, t, _| {
             blocked = t > 0.0 && t < 1.0;
             blocked
         });
@@ -257,7 +247,7 @@ impl RayScene<'_> {
     /// `Covered` if the start itself lies under another face.
     #[must_use]
     pub fn nearest(&self, from: DVec3, along: DVec3, start: Option<&RayEnd>) -> Nearest {
-        let ray = Ray::new(from, along);
+        let ray = Ray::new(from, along, self.reach_m);
         let before = start.map_or(0.0, |s| self.reach(along, s));
         let mut covered = false;
         let mut best: Option<(Hit, Rank)> = None;
@@ -319,45 +309,65 @@ pub enum Nearest {
 /// Deepest stack of a traversal; obvhs keeps its trees below 96 levels.
 const DEPTH: usize = 128;
 
-struct Stack {
-    nodes: [u32; DEPTH],
+/// Nodes still to visit, with where the ray enters them.
+struct Stack<'a> {
+    nodes: &'a [RayNode],
+    waiting: [(u32, f32); DEPTH],
     count: usize,
+    low: f32,
 }
 
-impl Stack {
-    #[inline]
-    fn new() -> Self {
-        Self { nodes: [0; DEPTH], count: 0 }
+/// A distance as f32, not below it.
+fn rounded_up(x: f64) -> f32 {
+    (x as f32) * (1.0 + f32::EPSILON) + f32::MIN_POSITIVE
+}
+
+impl<'a> Stack<'a> {
+    #[inline(always)]
+    fn new(ray: &Ray, nodes: &'a [RayNode], low: f64, limit: f64) -> Self {
+        let low = -rounded_up(-low);
+        let mut stack = Self { nodes, waiting: [(0, 0.0); DEPTH], count: 0, low };
+        if let Some(near) = ray.enters(&nodes[0], low, rounded_up(limit)) {
+            stack.push(0, near);
+        }
+        stack
     }
 
-    #[inline]
-    fn push(&mut self, node: u32) {
-        self.nodes[self.count] = node;
+    #[inline(always)]
+    fn push(&mut self, node: u32, near: f32) {
+        self.waiting[self.count] = (node, near);
         self.count += 1;
     }
 
-    #[inline]
-    fn pop(&mut self) -> Option<u32> {
-        self.count = self.count.checked_sub(1)?;
-        Some(self.nodes[self.count])
-    }
-
-    #[inline]
-    fn push_nearer_last(&mut self, ray: &Ray, nodes: &[RayNode], first: u32, low: f64, limit: f64) {
-        let left = ray.enters(&nodes[first as usize], low, limit);
-        let right = ray.enters(&nodes[first as usize + 1], low, limit);
-        match (left, right) {
-            (Some(l), Some(r)) if l <= r => {
-                self.push(first + 1);
-                self.push(first);
+    /// The next leaf that the ray enters before `limit`, nearer ones first.
+    #[inline(always)]
+    fn pop(&mut self, ray: &Ray, limit: f64) -> Option<&'a RayNode> {
+        let limit = rounded_up(limit);
+        loop {
+            self.count = self.count.checked_sub(1)?;
+            let (at, near) = self.waiting[self.count];
+            if near > limit {
+                continue;
             }
-            (Some(_), Some(_)) => {
-                self.push(first);
-                self.push(first + 1);
+            let node = &self.nodes[at as usize];
+            if node.count > 0 {
+                return Some(node);
             }
-            (Some(_), None) => self.push(first),
-            (None, Some(_)) => self.push(first + 1),
-            (None, None) => {}
+            let left = ray.enters(&self.nodes[node.first as usize], self.low, limit);
+            let right = ray.enters(&self.nodes[node.first as usize + 1], self.low, limit);
+            match (left, right) {
+                (Some(l), Some(r)) if l <= r => {
+                    self.push(node.first + 1, r);
+                    self.push(node.first, l);
+                }
+                (Some(l), Some(r)) => {
+                    self.push(node.first, l);
+                    self.push(node.first + 1, r);
+                }
+                (Some(l), None) => self.push(node.first, l),
+                (None, Some(r)) => self.push(node.first + 1, r),
+                (None, None) => {}
+            }
         }
     }
 }

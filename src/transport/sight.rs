@@ -93,6 +93,9 @@ pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: C
     }
 }
 
+/// Share that n agreeing rays may have missed, times n: a quarter of what they are expected to.
+const UNANIMOUS: f64 = 0.15;
+
 /// Shares of visible rays, whole and per quarter of the receiver.
 #[derive(Default)]
 struct Tally {
@@ -119,13 +122,16 @@ impl Tally {
         if self.weight > 0.0 { self.visible / self.weight } else { 0.0 }
     }
 
-    /// Standard error of the share, never 0: all of a few rays agreeing proves little.
+    /// Standard error of the share; where all rays agree, what they may well have missed.
     fn error(&self) -> f64 {
         if self.weight <= 0.0 {
             return 0.5;
         }
         let effective = self.weight * self.weight / self.weight_squared;
-        let share = (self.share() * effective + 0.5) / (effective + 1.0);
+        let share = self.share();
+        if share == 0.0 || share == 1.0 {
+            return UNANIMOUS / (effective + 1.0);
+        }
         (share * (1.0 - share) / (effective + 1.0)).sqrt()
     }
 
