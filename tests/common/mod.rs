@@ -1,7 +1,16 @@
-//! Scenes that tests make for themselves.
+//! Scenes that tests make for themselves, and the program as they call it.
+
+#![allow(dead_code, reason = "each test file uses a part of it")]
 
 use std::fmt::Write;
 use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use clerestory::base::Quiet;
+use clerestory::model::ExtentKind;
+use clerestory::stages::check;
+use clerestory::store::{Snapshot, Store};
 
 /// Writes `count` sealed rooms in a row, each 4 x 3 x 2.5 m, front sides inwards, with a lamp below the
 /// ceiling and a table, as an OBJ with its MTL.
@@ -36,4 +45,39 @@ pub fn write_rooms(model: &Path, count: u32) {
     let mtl = "newmtl wall\nKd 0.7 0.7 0.6\nnewmtl wood\nKd 0.4 0.3 0.2\nnewmtl light\nKd 0 0 0\nKe 10 10 9\n";
     std::fs::write(model, obj).expect("a test may write its scene");
     std::fs::write(model.with_file_name("rooms.mtl"), mtl).expect("a test may write its scene");
+}
+
+/// The program, ready for arguments.
+pub fn clerestory() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_clerestory"))
+}
+
+/// The command line that solves `rooms.obj` in a folder into `rooms.clr`, quickly.
+pub fn run(dir: &Path, more: &[&str]) -> Command {
+    let mut command = clerestory();
+    command.current_dir(dir).args(["run", "rooms.obj", "--tolerance", "0.1", "--groups", "4", "--json"]).args(more);
+    command.args(["--progress", "none"]);
+    command
+}
+
+/// Exit code and JSON document of a command; the document is null if there is none.
+pub fn finish(command: &mut Command) -> (i32, serde_json::Value) {
+    let output = command.stderr(Stdio::inherit()).output().expect("the program starts");
+    let text = String::from_utf8_lossy(&output.stdout);
+    (output.status.code().unwrap_or(-1), serde_json::from_str(&text).unwrap_or_default())
+}
+
+/// The light of every cluster in the newest end of an iteration, byte for byte.
+pub fn light_of(store: &Path) -> Vec<Vec<u8>> {
+    let store = Store::open(store, Duration::from_secs(10)).expect("a store");
+    let snapshot = Snapshot::at(&store, store.newest_iteration_end().expect("a version")).expect("it is kept");
+    let light = |id| snapshot.need(ExtentKind::Radiosity, id).expect("every cluster has light").payload().to_vec();
+    snapshot.clusters().map(|c| light(c.expect("a cluster").id)).collect()
+}
+
+/// Fails if `check` finds anything.
+pub fn assert_sound(store: &Path) {
+    let store = Store::open(store, Duration::from_secs(10)).expect("a store");
+    let summary = check::execute(&store, &check::Options::default(), &Quiet).expect("check runs");
+    assert_eq!(summary.damages, []);
 }
