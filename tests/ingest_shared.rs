@@ -1,6 +1,6 @@
 //! Every shared scene ingests at defaults, and the reader agrees with tobj.
 
-mod common;
+mod support;
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ const SCENES: [&str; 10] = [
 ];
 
 fn scenes() -> Vec<PathBuf> {
-    SCENES.iter().filter_map(|s| common::shared(&format!("scenes/{s}"))).collect()
+    SCENES.iter().filter_map(|s| support::shared(&format!("scenes/{s}"))).collect()
 }
 
 /// Corner positions of every face, as f32, and where faces are.
@@ -73,7 +73,7 @@ fn every_scene_ingests_at_defaults() {
     for scene in scenes() {
         let dir = tempfile::tempdir().unwrap();
         let began = std::time::Instant::now();
-        let (said, done) = common::ingest(&common::options(&dir.path().join("s.clr"), &scene));
+        let (said, done) = support::ingest(&support::options(&dir.path().join("s.clr"), &scene));
         let summary = done.unwrap_or_else(|e| panic!("{}: {e}", scene.display()));
         println!("{} {summary:?} {:.1?}\n{said}", scene.display(), began.elapsed());
         assert!(summary.patches > 0 && summary.emitters > 0, "{}", scene.display());

@@ -1,5 +1,6 @@
 //! From parsed flags to the stage that does the work.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -7,10 +8,12 @@ use clap::{ArgMatches, FromArgMatches};
 
 use super::args::{
     Cli, Common, Emit, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order, PartitionArgs, Quality,
-    SampleArgs, Schedule, Sides, SolveFlags, SolveGroupArgs, StatusArgs, Units, Up, Verb, VisibilityArgs,
+    RunArgs, SampleArgs, Schedule, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs, StatusArgs, StoreArgs, Units, Up,
+    Verb, VisibilityArgs,
 };
 use super::report::Report;
 use super::resources::Watch;
+use super::run_options;
 use super::settings::Resolved;
 use super::summaries::{self, WithNext};
 use super::values::Inner;
@@ -20,7 +23,7 @@ use crate::base::{Error, Progress, Result};
 use crate::model::order::UpdateOrder;
 use crate::stages::output::{self, Output};
 use crate::stages::{
-    entry, gc, ingest, merge, partition, sample, sample_files, settings, solve_group, status, visibility,
+    check, entry, gc, ingest, merge, partition, run, sample, sample_files, settings, solve_group, status, visibility,
 };
 
 /// What every verb works with.
@@ -67,7 +70,9 @@ pub fn run(cli: Cli, context: &Context<'_>) -> Result<Done> {
         Verb::Completions { shell } => return Ok(Done::Page(pages::completions(shell))),
         Verb::Man => return pages::manual().map(Done::Page),
         Verb::Help { topic } => return pages::help(topic.as_deref()).map(Done::Page),
-        Verb::Run(_) | Verb::Check(_) | Verb::Render(_) | Verb::Export(_) => Err(Error::failed("later", "later")),
+        Verb::Run(args) => do_run(&args, common, context),
+        Verb::Check(args) => do_check(args, common, context),
+        Verb::Render(_) | Verb::Export(_) => Err(Error::failed("later", "later")),
     }?;
     Ok(report.into())
 }
@@ -118,7 +123,9 @@ fn do_ingest(args: IngestArgs, common: &Common, context: &Context<'_>) -> Result
     Ok(Report::of("ingest", store, &summary))
 }
 
-fn cores() -> usize {
+/// Processor cores that this process may use.
+#[must_use]
+pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get)
 }
 
@@ -190,16 +197,17 @@ fn tolerance(flags: &SolveFlags) -> f64 {
     })
 }
 
-fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
-    let flags = &args.flags;
-    let options = solve_group::Options {
-        which: match args.which.group {
-            Some(group) => solve_group::Which::Group(group),
-            None if args.which.next => solve_group::Which::Next,
-            None => solve_group::Which::UntilDone,
-        },
-        version: args.version,
+/// Options of `solve-group` from its flags; last seed, version and memory in bytes.
+#[must_use]
+pub fn solve_options(
+    which: solve_group::Which,
+    flags: &SolveFlags,
+    schedule: &ScheduleFlags,
+    (seed, version, memory_bytes): (u64, Option<u64>, u64),
+) -> solve_group::Options {
+    solve_group::Options {
+        which,
+        version,
         tolerance: tolerance(flags),
         min_element_m: flags.min_element,
         inner: match flags.inner {
@@ -213,14 +221,24 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
             Order::Replace => UpdateOrder::Replace,
             Order::Sequential => UpdateOrder::Sequential,
         },
-        schedule: match args.schedule.schedule {
+        schedule: match schedule.schedule {
             Schedule::Ffd => solve_group::Policy::Ffd,
             Schedule::Ws => solve_group::Policy::Ws,
-            Schedule::FfdWs => solve_group::Policy::FfdWs { delta: args.schedule.delta },
+            Schedule::FfdWs => solve_group::Policy::FfdWs { delta: schedule.delta },
         },
-        seed: args.seed.seed,
-        memory_bytes: common.memory,
+        seed,
+        memory_bytes,
+    }
+}
+
+fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let which = match args.which.group {
+        Some(group) => solve_group::Which::Group(group),
+        None if args.which.next => solve_group::Which::Next,
+        None => solve_group::Which::UntilDone,
     };
+    let options = solve_options(which, &args.flags, &args.schedule, (args.seed.seed, args.version, common.memory));
     let plan = solve_group::plan(&store, &options)?;
     if args.dry_run {
         let text = format!(
@@ -262,28 +280,51 @@ fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<R
     }
     let _process = entry::enter(&store, "merge", None)?;
     let summary = merge::execute(&store, plan, context.progress)?;
-    let (next, lines) = (summary.next.clone(), summaries::merge(&summary));
-    Ok(Report::of("merge", args.store, &WithNext { summary, next, lines }))
+    Ok(Report::of("merge", args.store, &summary))
 }
 
 fn do_status(args: StatusArgs, common: &Common) -> Result<Report> {
     let store = entry::open(&args.store, common.wait)?;
     let summary = status::read(&store, &status::Options::default())?;
-    let next = summary.next.clone();
-    let mut lines = summaries::status(&summary);
-    let mut report_settings = None;
+    let mut report = Report::of("status", args.store.clone(), &summary);
     if args.settings {
         let settings = super::settings::of_stages(&args.store)?;
         for s in &settings {
-            lines.push(format!("{:<12} {:<20} {:<12} {}", s.verb, s.flag, s.value, s.source));
+            report.lines.push(format!("{:<12} {:<20} {:<12} {}", s.verb, s.flag, s.value, s.source));
         }
-        report_settings = Some(serde_json::to_value(&settings).unwrap_or_default());
-    }
-    let mut report = Report::of("status", args.store, &WithNext { summary, next, lines });
-    if let Some(settings) = report_settings {
-        report.keys.insert("settings".to_owned(), settings);
+        report.keys.insert("settings".to_owned(), serde_json::to_value(&settings).unwrap_or_default());
     }
     Ok(report)
+}
+
+fn do_check(args: StoreArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let summary = check::execute(&store, &check::Options::default(), context.progress)?;
+    Ok(Report::of("check", args.store, &summary))
+}
+
+fn do_run(args: &RunArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let options = run_options::options(args, common, context.resolved)?;
+    let store = options.store.clone();
+    let plan = run::plan(&options)?;
+    if args.writing.dry_run {
+        let lines: Vec<String> = plan.commands.iter().map(|c| command_line(c)).collect();
+        return Ok(Report::plan("run", store, &lines.join("\n")));
+    }
+    let summary = run::execute(&plan, context.progress)?;
+    let mut report = Report::of("run", store, &summary);
+    for (key, value) in
+        [("peak_rss_bytes", summary.used.peak_rss_bytes), ("peak_anon_bytes", summary.used.peak_anon_bytes)]
+    {
+        report.keys.insert(key.to_owned(), value.into());
+    }
+    Ok(report)
+}
+
+/// A child's command as a person would type it.
+fn command_line(words: &[OsString]) -> String {
+    let words: Vec<_> = words.iter().map(|w| w.to_string_lossy()).collect();
+    format!("clerestory {}", words.join(" "))
 }
 
 fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
@@ -295,8 +336,7 @@ fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report>
     }
     let _process = entry::enter(&store, "gc", None)?;
     let summary = gc::execute(&store, &plan, context.progress)?;
-    let (next, lines) = (summary.next.clone(), summaries::gc(&summary));
-    Ok(Report::of("gc", args.store, &WithNext { summary, next, lines }))
+    Ok(Report::of("gc", args.store, &summary))
 }
 
 fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result<Report> {

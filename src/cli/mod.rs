@@ -7,6 +7,7 @@ mod drawing;
 pub mod pages;
 mod report;
 mod resources;
+mod run_options;
 pub mod settings;
 mod summaries;
 mod values;
@@ -56,7 +57,7 @@ fn work(line: &[OsString]) -> Result<()> {
     match done? {
         Done::Page(page) => report::print(&page),
         Done::Report(report) => {
-            let figures = watch.figures();
+            let figures = report.with_children(watch.figures());
             if as_json {
                 report::print(&format!("{}\n", report.json(&figures, &warnings)))?;
             } else if !quiet && report.stdout_is_taken {

@@ -62,7 +62,18 @@ impl Report {
         self
     }
 
-    /// The JSON document. A verb's own `peak_*` are of its children: the larger counts.
+    /// The figures with the peaks of the processes that the verb started: the larger counts.
+    #[must_use]
+    pub fn with_children(&self, own: Figures) -> Figures {
+        let of = |key: &str| self.keys.get(key).and_then(Value::as_u64).unwrap_or(0);
+        Figures {
+            peak_rss_bytes: own.peak_rss_bytes.max(of("peak_rss_bytes")),
+            peak_anon_bytes: own.peak_anon_bytes.max(of("peak_anon_bytes")),
+            ..own
+        }
+    }
+
+    /// The JSON document.
     #[must_use]
     pub fn json(&self, figures: &Figures, warnings: &[String]) -> Value {
         let mut document = Map::new();
@@ -72,9 +83,8 @@ impl Report {
         put("version_of_program", json!(env!("CARGO_PKG_VERSION")));
         put("wall_s", json!(figures.wall_s));
         put("cpu_s", json!(figures.cpu_s));
-        let own = |key: &str| self.keys.get(key).and_then(Value::as_u64).unwrap_or(0);
-        put("peak_rss_bytes", json!(figures.peak_rss_bytes.max(own("peak_rss_bytes"))));
-        put("peak_anon_bytes", json!(figures.peak_anon_bytes.max(own("peak_anon_bytes"))));
+        put("peak_rss_bytes", json!(figures.peak_rss_bytes));
+        put("peak_anon_bytes", json!(figures.peak_anon_bytes));
         put("bytes_read", json!(figures.bytes_read));
         put("bytes_written", json!(figures.bytes_written));
         put("warnings", json!(warnings));

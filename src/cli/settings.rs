@@ -14,7 +14,8 @@ use serde::Serialize;
 
 use super::args::Cli;
 use crate::base::{Error, Result};
-use crate::stages::settings;
+pub use crate::stages::settings::STAGES;
+use crate::stages::settings::recorded;
 
 /// In the current folder.
 const FILE: &str = "clerestory.toml";
@@ -78,6 +79,14 @@ fn settable(arg: &clap::Arg) -> Option<String> {
     (takes_value && !COMMAND_LINE_ONLY.contains(&flag)).then(|| flag.to_owned())
 }
 
+/// The flags of a verb that take a value, the common ones included.
+#[must_use]
+pub fn flags_of(verb: &str) -> Vec<String> {
+    let command = command();
+    let of = command.find_subcommand(verb).into_iter().flat_map(Command::get_arguments);
+    of.chain(command.get_arguments()).filter_map(settable).collect()
+}
+
 /// Parses a command line over all layers.
 pub fn resolve(line: &[OsString]) -> std::result::Result<Result<Resolved>, clap::Error> {
     let command = command();
@@ -105,12 +114,7 @@ fn lower_layers(
     verb: &str,
     matches: &ArgMatches,
 ) -> Result<BTreeMap<String, (String, &'static str)>> {
-    let flags: Vec<String> = command
-        .find_subcommand(verb)
-        .into_iter()
-        .flat_map(|c| c.get_arguments().chain(command.get_arguments()))
-        .filter_map(settable)
-        .collect();
+    let flags = flags_of(verb);
     let mut lower = BTreeMap::new();
     let is_fresh = matches.try_get_one::<bool>("fresh").ok().flatten().copied().unwrap_or(false);
     if let Some(store) = store_of(matches)
@@ -118,7 +122,7 @@ fn lower_layers(
     {
         let wait = matches.get_one::<Duration>("wait").copied().unwrap_or_default();
         // A store that can't be read is the stage's to report.
-        for ((stage, flag), value) in settings::recorded(&store, wait).unwrap_or_default() {
+        for ((stage, flag), value) in recorded(&store, wait).unwrap_or_default() {
             if let Some(flag) = flag_on(verb, &stage, &flag)
                 && flags.contains(&flag)
             {
@@ -262,11 +266,18 @@ impl Resolved {
     #[must_use]
     pub fn to_remember(&self, verb: &str) -> Vec<(String, String)> {
         let Some((_, flags)) = REMEMBERED.iter().find(|r| r.0 == verb) else { return Vec::new() };
-        self.settings(verb)
+        let mut out: Vec<(String, String)> = self
+            .settings(verb)
             .into_iter()
             .filter(|s| s.source != "default" && flags.contains(&s.flag.as_str()))
             .map(|s| (s.flag, s.value))
-            .collect()
+            .collect();
+        // A tolerance remembered from before must not beat the quality chosen now.
+        let has = |flag: &str| out.iter().any(|s| s.0 == flag);
+        if has("quality") && !has("tolerance") {
+            out.push(("tolerance".to_owned(), String::new()));
+        }
+        out
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::drawing::{bytes, count, thousands};
 use crate::stages::summary::Summary;
-use crate::stages::{gc, merge, partition, sample, solve_group, status, visibility};
+use crate::stages::{partition, sample, solve_group, visibility};
 
 fn percent(share: f64) -> String {
     format!("{:.3} %", 100.0 * share)
@@ -82,26 +82,6 @@ pub fn solve_group(s: &solve_group::Summary) -> Vec<String> {
     }
 }
 
-/// Of `merge`.
-#[must_use]
-pub fn merge(s: &merge::Summary) -> Vec<String> {
-    let mut lines = vec![format!(
-        "Version {} of branch {}: {} updates merged, {} iterations{}",
-        s.version,
-        s.branch,
-        s.updates,
-        s.iterations,
-        if s.converged { ", converged" } else { "" }
-    )];
-    if let (Some(residual), Some(contraction)) = (s.residual, s.contraction) {
-        lines.push(format!("residual {residual:.2e}, contraction {contraction:.3}"));
-    }
-    if let Some(balance) = s.energy_balance {
-        lines.push(format!("energy balance within {}", percent(balance)));
-    }
-    lines
-}
-
 /// Of `sample`.
 #[must_use]
 pub fn sample(s: &sample::Summary) -> Vec<String> {
@@ -111,32 +91,4 @@ pub fn sample(s: &sample::Summary) -> Vec<String> {
         thousands(s.answered),
         thousands(s.unanswered)
     )]
-}
-
-/// Of `status`.
-#[must_use]
-pub fn status(s: &status::Summary) -> Vec<String> {
-    let stages: Vec<String> = s.stages.iter().map(|stage| format!("{} {}", stage.name, stage.state)).collect();
-    let mut lines = vec![stages.join(", ")];
-    if let (Some(version), Some(branch), Some(iteration)) = (s.version, s.branch, s.iteration) {
-        lines.push(format!(
-            "version {version} of branch {branch}, iteration {iteration}: {} of {} groups done{}",
-            s.groups_done,
-            s.groups_total,
-            if s.converged { ", converged" } else { "" }
-        ));
-    }
-    if let Some(residual) = s.residual {
-        lines.push(format!("residual {residual:.2e}"));
-    }
-    for p in &s.processes {
-        lines.push(format!("running: pid {} on {} since {}: {}", p.pid, p.host, p.since, p.command));
-    }
-    lines
-}
-
-/// Of `gc`.
-#[must_use]
-pub fn gc(s: &gc::Summary) -> Vec<String> {
-    vec![format!("{} versions removed, {} freed", thousands(s.versions_removed), bytes(s.bytes_freed))]
 }

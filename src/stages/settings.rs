@@ -19,13 +19,15 @@ pub fn recorded(dir: &Path, wait: Duration) -> Result<BTreeMap<(String, String),
     let store = Store::open(dir, wait)?;
     for stage in STAGES {
         for (flag, value) in store.settings(stage)? {
-            all.insert((stage.to_owned(), flag), value);
+            if !value.is_empty() {
+                all.insert((stage.to_owned(), flag), value);
+            }
         }
     }
     Ok(all)
 }
 
-/// Remembers what a stage was run with, as (flag, value).
+/// Remembers what a stage was run with, as (flag, value); an empty value forgets the flag.
 pub fn record(dir: &Path, wait: Duration, stage: &str, settings: &[(String, String)]) -> Result<()> {
     if settings.is_empty() {
         return Ok(());
