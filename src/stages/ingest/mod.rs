@@ -6,6 +6,7 @@
 
 mod clusters;
 mod coincide;
+mod darken;
 mod frame;
 mod join;
 mod materials;
@@ -41,7 +42,7 @@ use self::write::{Source, Totals, Writers};
 use crate::base::memory::MemoryBudget;
 use crate::base::{Error, Progress, Result};
 use crate::formats::mtl;
-use crate::store::{ExtentRef, IngestTx, ModelFacts, RunLock, SegmentWriter, Stage, StageRecord, Store};
+use crate::store::{ExtentRef, IngestTx, ModelFacts, RunLock, SegmentWriter, Snapshot, Stage, StageRecord, Store};
 
 /// Least memory that an ingest runs in, bytes.
 const LEAST_MEMORY: u64 = 48 << 20;
@@ -350,7 +351,9 @@ impl Made {
     ) -> Result<Summary> {
         let recipe = self.recipe(options)?;
         let mut writers = [SegmentWriter::create(store, "materials")?, SegmentWriter::create(store, "light")?];
-        let (totals, mut rows) = write::write_materials(&mut self.source(options, scratch), &mut writers, progress)?;
+        let newest = Snapshot::newest(store)?;
+        let mut source = self.source(options, scratch);
+        let (totals, mut rows) = write::write_materials(&mut source, &newest, &mut writers, progress)?;
         let record = record(&recipe, &totals);
         if record.input_hash != before.input_hash {
             return Err(rerun::refused(options, "its geometry differs"));

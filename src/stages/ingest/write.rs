@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::clusters::for_each_cluster;
+use super::darken::light_on_known_elements;
 use super::frame::Frame;
 use super::piece::{NONE, Piece};
 use super::read::Spilled;
@@ -20,7 +21,7 @@ use crate::model::origin::{BakeCorner, PatchSource};
 use crate::model::rays::{ClusterRef, TOP};
 use crate::rays::build;
 use crate::store::ingest_rows::MaterialsRow;
-use crate::store::{ClusterRow, ExtentRef, IngestTx, SegmentWriter, Store};
+use crate::store::{ClusterRow, ExtentRef, IngestTx, SegmentWriter, Snapshot, Store};
 
 /// What a pass over the clusters needs.
 pub struct Source<'a> {
@@ -310,6 +311,7 @@ impl From<WaitingRow> for MaterialsRow {
 /// wait in a record file.
 pub fn write_materials(
     source: &mut Source<'_>,
+    newest: &Snapshot<'_>,
     writers: &mut [SegmentWriter; 2],
     progress: &dyn Progress,
 ) -> Result<(Totals, RecordFile<WaitingRow>)> {
@@ -318,7 +320,7 @@ pub fn write_materials(
     for_each(source, progress, &mut totals, |_, records, _| {
         let id = records.head.cluster;
         let materials = writers[0].append(ExtentKind::Materials, id, &records.materials_payload())?;
-        let radiosity = writers[1].append(ExtentKind::Radiosity, id, &records.light_at_start())?;
+        let radiosity = writers[1].append(ExtentKind::Radiosity, id, &light_on_known_elements(newest, records)?)?;
         rows.push(WaitingRow {
             materials: words(materials),
             radiosity: words(radiosity),
