@@ -4,13 +4,12 @@ use crate::base::Rgb;
 use crate::store::ModelFacts;
 use crate::transport::oracle::Tolerances;
 
-/// What a model's light comes to on average, were it closed and all its sides lit: emitted power over
-/// absorbing area, W/m2 (norm over RGB). Known before anything is solved, so that tolerances depend on
-/// the model alone.
+/// What a model's light comes to on average where there is any, W/m2 (norm over RGB): emitted power
+/// over absorbing area, each patch counted once, since one side of most walls faces a dark void. Known
+/// before anything is solved, so that tolerances depend on the model alone.
 #[must_use]
 pub fn typical_irradiance(facts: &ModelFacts) -> f64 {
-    let sides = if facts.both_sides { 2.0 } else { 1.0 };
-    let absorbing_m2 = sides * facts.area_m2 * (1.0 - facts.mean_reflectance).max(0.01);
+    let absorbing_m2 = facts.area_m2 * (1.0 - facts.mean_reflectance).max(0.01);
     Rgb(facts.emitted_w).norm_squared().sqrt() / absorbing_m2.max(f64::MIN_POSITIVE)
 }
 
