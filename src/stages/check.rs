@@ -62,7 +62,8 @@ impl super::summary::Summary for Summary {
 
     fn shortfall(&self) -> Option<Error> {
         let first = self.damages.first()?;
-        let detail = format!("{} {}: {} ({} damages in all)", first.kind, first.id, first.detail, self.damages_total);
+        let place = if first.id.is_empty() { first.kind.clone() } else { format!("{} {}", first.kind, first.id) };
+        let detail = format!("{place}: {} ({} damages in all)", first.detail, self.damages_total);
         Some(Error::damaged(&first.path, detail))
     }
 }
