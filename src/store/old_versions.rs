@@ -90,7 +90,7 @@ impl Store {
                 open = chains.iter().collect();
             }
             let reaches = |(id, chain): &&(u64, Lineage)| version <= *id && chain.holds(branch, version);
-            if !open.iter().any(|chain| reaches(chain)) {
+            if !open.iter().any(reaches) {
                 unused.push((cluster, version));
             } else if !is_delta {
                 open.retain(|chain| !reaches(chain));
