@@ -13,12 +13,15 @@ pub fn typical_irradiance(facts: &ModelFacts) -> f64 {
     Rgb(facts.emitted_w).norm_squared().sqrt() / absorbing_m2.max(f64::MIN_POSITIVE)
 }
 
+/// Share of the tolerance that a row's links may use up; the rest is for what does not average out.
+const ROW_SHARE: f64 = 0.75;
+
 /// The tolerances of a task. No element edge is below `min_element_m`, by default the tolerance's
 /// share of a typical patch's width.
 #[must_use]
 pub fn of(facts: &ModelFacts, tolerance: f64, min_element_m: Option<f64>) -> Tolerances {
     Tolerances {
-        row_w_m2: tolerance * typical_irradiance(facts),
+        row_w_m2: ROW_SHARE * tolerance * typical_irradiance(facts),
         min_element_m: min_element_m.unwrap_or_else(|| default_min_element_m(facts, tolerance)),
     }
 }

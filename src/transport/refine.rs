@@ -242,7 +242,7 @@ impl<'a> Receiver<'a> {
 
     /// Whether the source is so much brighter that the receiver may lie in a sealed place.
     fn is_dim(&self, at: usize, radiosity: Rgb) -> bool {
-        Rgb(self.mesh.elements[at].leaf_high).max() < DIM * radiosity.max()
+        self.mesh.elements[at].irradiance.max() < DIM * radiosity.max()
     }
 
     fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
@@ -343,7 +343,7 @@ fn side_key(name: NodeName) -> u64 {
 }
 
 /// A receiver whose irradiance is below this share of a source's radiosity is dim beside it.
-const DIM: f64 = 0.05;
+const DIM: f64 = 0.15;
 
 /// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
 /// part (what lies under a box is dark and unseen), an error that does not average out over links.
