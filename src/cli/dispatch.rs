@@ -7,9 +7,9 @@ use std::time::Duration;
 use clap::{ArgMatches, FromArgMatches};
 
 use super::args::{
-    Cli, Common, Emit, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order, PartitionArgs, Quality,
-    RunArgs, SampleArgs, Schedule, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs, StatusArgs, StoreArgs, Units, Up,
-    Verb, VisibilityArgs,
+    Cli, Common, Emit, ExportArgs, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order, PartitionArgs,
+    Quality, RenderArgs, RunArgs, SampleArgs, Schedule, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs, StatusArgs,
+    StoreArgs, Units, Up, Verb, VisibilityArgs,
 };
 use super::report::Report;
 use super::resources::Watch;
@@ -23,7 +23,8 @@ use crate::base::{Error, Progress, Result};
 use crate::model::order::UpdateOrder;
 use crate::stages::output::{self, Output};
 use crate::stages::{
-    check, entry, gc, ingest, merge, partition, run, sample, sample_files, settings, solve_group, status, visibility,
+    check, entry, export, gc, ingest, merge, partition, render, run, sample, sample_files, settings, solve_group,
+    status, visibility,
 };
 
 /// What every verb works with.
@@ -72,7 +73,8 @@ pub fn run(cli: Cli, context: &Context<'_>) -> Result<Done> {
         Verb::Help { topic } => return pages::help(topic.as_deref()).map(Done::Page),
         Verb::Run(args) => do_run(&args, common, context),
         Verb::Check(args) => do_check(args, common, context),
-        Verb::Render(_) | Verb::Export(_) => Err(Error::failed("later", "later")),
+        Verb::Render(args) => do_render(args, common, context),
+        Verb::Export(args) => do_export(args, common, context),
     }?;
     Ok(report.into())
 }
@@ -353,6 +355,45 @@ fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result
     let summary = sample_files::sample(&store, &options, &args.points, output, context.progress)?;
     let lines = summaries::sample(&summary);
     Ok(Report::of("sample", args.store, &WithNext { summary, next: None, lines }).beside(&args.output.output))
+}
+
+fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    refuse_two_documents(&args.output.output, common)?;
+    let store = entry::open(&args.store, common.wait)?;
+    let options = render::Options {
+        output: args.output.output.clone(),
+        force: args.output.force,
+        eye_and_look: args.eye.zip(args.look).map(|(eye, look)| [eye.0, look.0]),
+        view_up: args.view_up.map(|up| up.0),
+        fov_degrees: args.fov,
+        size: (args.size.width, args.size.height),
+        version: args.version,
+        threads: cores(),
+        memory_bytes: common.memory,
+    };
+    let plan = render::plan(&store, &options)?;
+    if args.output.dry_run {
+        let text = format!("draw version {} in {}", plan.version, args.output.output.display());
+        return Ok(Report::plan("render", args.store, &text));
+    }
+    let _process = entry::enter(&store, "render", Some(plan.version))?;
+    let summary = render::execute(&plan, context.progress)?;
+    Ok(Report::of("render", args.store, &summary).beside(&args.output.output))
+}
+
+fn do_export(args: ExportArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    refuse_two_documents(&args.output.output, common)?;
+    let store = entry::open(&args.store, common.wait)?;
+    let options =
+        export::Options { output: args.output.output.clone(), force: args.output.force, version: args.version };
+    let plan = export::plan(&store, &options)?;
+    if args.output.dry_run {
+        let text = format!("write version {} to {}", plan.version, args.output.output.display());
+        return Ok(Report::plan("export", args.store, &text));
+    }
+    let _process = entry::enter(&store, "export", Some(plan.version))?;
+    let summary = export::execute(&plan, context.progress)?;
+    Ok(Report::of("export", args.store, &summary).beside(&args.output.output))
 }
 
 /// stdout holds one thing.

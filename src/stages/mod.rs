@@ -3,14 +3,17 @@
 pub mod check;
 pub mod children;
 pub mod entry;
+pub mod export;
 pub mod gc;
 pub mod group_links;
 pub mod group_solver;
 pub mod ingest;
+pub mod leaves;
 pub mod merge;
 pub mod output;
 pub mod partition;
 pub mod point_light;
+pub mod render;
 pub mod run;
 pub mod sample;
 pub mod sample_files;

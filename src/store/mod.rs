@@ -22,6 +22,7 @@ pub mod locks;
 pub mod merging;
 pub mod model_facts;
 pub mod mounts;
+mod object_names;
 mod old_versions;
 pub mod partition_rows;
 pub mod processes;

@@ -1,0 +1,109 @@
+//! The leaves of a cluster's quadtrees with their light, in order of name.
+
+use crate::base::{NodeName, PatchSide, Rgb};
+use crate::geom::grid::{GridPoint, element_corners};
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree::element_polygon;
+use crate::render::smooth::SmoothSide;
+use crate::transport::source::ClusterView;
+
+/// A leaf element.
+pub struct Leaf {
+    /// Its name.
+    pub name: NodeName,
+    /// Its shape, winding towards its own side, m from the store's origin.
+    pub shape: Polygon,
+    /// What leaves it, W/m2.
+    pub radiosity: Rgb,
+    /// What arrives at it, W/m2.
+    pub irradiance: Rgb,
+}
+
+/// The leaves of one patch side, in order of name; none for a side that takes no part.
+#[must_use]
+pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
+    if !view.takes_part(at.index()) {
+        return Vec::new();
+    }
+    let patch = &view.geometry.patches[usize::from(at.patch)];
+    let material = &view.materials[at.index()];
+    let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
+    let mut leaves = Vec::new();
+    let mut below = vec![NodeName::root(view.id, at)];
+    while let Some(name) = below.pop() {
+        if view.light.has_children(name) {
+            below.extend((0..4).map(|quarter| name.child(quarter)));
+            continue;
+        }
+        let irradiance = view.light.find(name).map_or(Rgb::BLACK, |e| Rgb::from_f32(e.irradiance));
+        let shape = element_polygon(patch, name.path());
+        leaves.push(Leaf {
+            name,
+            shape: if at.side == 0 { shape } else { shape.reversed() },
+            radiosity: exitance + rho.times(irradiance),
+            irradiance,
+        });
+    }
+    leaves.sort_unstable_by_key(|leaf| leaf.name);
+    leaves
+}
+
+/// All sides of a cluster's patches, in order of name.
+pub fn sides(view: &ClusterView<'_>) -> impl Iterator<Item = PatchSide> + use<> {
+    (0..2 * view.geometry.patches.len()).map(PatchSide::from_index)
+}
+
+/// A patch side as a mesh: vertices that leaves share, with smooth light.
+pub struct SideMesh {
+    /// Position, m from the store's origin, and radiosity, W/m2.
+    pub vertices: Vec<([f64; 3], Rgb)>,
+    /// Unit normal of the side.
+    pub normal: [f64; 3],
+    /// Vertices of each leaf, three or four, winding towards the side.
+    pub faces: Vec<Vec<u32>>,
+}
+
+impl SideMesh {
+    /// From the side's leaves; `None` if there are none.
+    #[must_use]
+    pub fn new(leaves: &[Leaf]) -> Option<Self> {
+        let first = leaves.first()?;
+        let corner_count = first.shape.corners().len();
+        let smooth = SmoothSide::new(corner_count, leaves.iter().map(|l| (l.name, l.radiosity)));
+        let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();
+        let mut mesh = Self {
+            vertices: Vec::new(),
+            normal: first.shape.normal().to_array(),
+            faces: Vec::with_capacity(leaves.len()),
+        };
+        for leaf in leaves {
+            let values = smooth.at_corners(leaf.name);
+            let points = element_corners(corner_count, leaf.name.path());
+            let is_back = leaf.name.patch_side().side == 1;
+            let mut face = Vec::with_capacity(corner_count);
+            for (i, corner) in leaf.shape.corners().iter().enumerate() {
+                // Corners of a back run the other way round.
+                let of = if is_back { corner_count - 1 - i } else { i };
+                let next = mesh.vertices.len() as u32;
+                let vertex = *known.entry(points[of]).or_insert(next);
+                if vertex == next {
+                    mesh.vertices.push((corner.to_array(), values[of]));
+                }
+                face.push(vertex);
+            }
+            mesh.faces.push(face);
+        }
+        Some(mesh)
+    }
+
+    /// Whether no light leaves it.
+    #[must_use]
+    pub fn is_dark(&self) -> bool {
+        self.vertices.iter().all(|v| v.1.is_black())
+    }
+
+    /// Triangles of the faces.
+    pub fn triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        self.faces.iter().flat_map(|f| (1..f.len() - 1).map(|i| [f[0], f[i], f[i + 1]]))
+    }
+}

@@ -1,0 +1,316 @@
+//! `render`: the solution seen from a camera, smoothly interpolated, as PNG or Radiance HDR.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use glam::DVec3;
+use lru::LruCache;
+use serde::Serialize;
+
+use super::entry;
+use super::leaves;
+use super::output::{self, Output};
+use super::working_set::WorkingSet;
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::formats::picture::{write_hdr, write_png};
+use crate::geom::bounds::Bounds;
+use crate::geom::quadtree;
+use crate::model::rays::TopRaysView;
+use crate::rays::RayScene;
+use crate::rays::traverse::{Hit, Nearest};
+use crate::render::camera::{Camera, View};
+use crate::render::smooth::SmoothSide;
+use crate::render::tone;
+use crate::store::{ModelFacts, Store};
+use crate::transport::source::{ClusterView, Loaded};
+
+/// Rays per pixel and axis.
+const GRID: u32 = 2;
+/// Bytes that a pixel takes until the picture is written.
+const PIXEL_BYTES: u64 = 40;
+/// Bytes that a leaf takes in the cache of smooth sides.
+const LEAF_BYTES: usize = 96;
+
+/// What to draw.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// `-o`: .png or .hdr.
+    pub output: PathBuf,
+    /// `--force`.
+    pub force: bool,
+    /// `--eye` and `--look`, model coordinates; the whole from above if none.
+    pub eye_and_look: Option<[[f64; 3]; 2]>,
+    /// `--view-up`; the model's vertical if none.
+    pub view_up: Option<[f64; 3]>,
+    /// `--fov`, degrees.
+    pub fov_degrees: f64,
+    /// `--size`, pixels.
+    pub size: (u32, u32),
+    /// `--version`.
+    pub version: Option<u64>,
+    /// Threads; never changes the picture.
+    pub threads: usize,
+    /// `--memory`, bytes.
+    pub memory_bytes: u64,
+}
+
+/// What is going to be drawn.
+pub struct Plan<'s> {
+    store: &'s Store,
+    options: Options,
+    facts: ModelFacts,
+    camera: Camera,
+    is_hdr: bool,
+    /// The version.
+    pub version: u64,
+}
+
+/// What was drawn.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Files.
+    pub files: Vec<PathBuf>,
+    /// The version.
+    pub solution_version: u64,
+    /// Pixels across and down.
+    pub size: (u32, u32),
+    /// Share of the pixels in which there is something.
+    pub covered: f64,
+}
+
+impl super::summary::Summary for Summary {
+    fn lines(&self) -> Vec<String> {
+        let files: Vec<_> = self.files.iter().map(|f| f.display().to_string()).collect();
+        let (width, height) = self.size;
+        vec![format!("version {} in {}, {width} x {height} pixels", self.solution_version, files.join(", "))]
+    }
+
+    fn next(&self) -> Option<String> {
+        None
+    }
+}
+
+/// Places the camera; refuses to overwrite, and pictures that would not fit in memory.
+pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
+    let usage = |message: String, help: &str| Error::Usage { message, help: help.to_owned() };
+    let ending = options.output.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let is_hdr = match ending.as_deref() {
+        Some("png") => false,
+        None if options.output.as_os_str() == "-" => false,
+        Some("hdr" | "pic") => true,
+        _ => {
+            return Err(usage(
+                format!("{}: no picture format has that ending", options.output.display()),
+                "end the file name in .png or .hdr",
+            ));
+        }
+    };
+    output::check(&options.output, options.force)?;
+    let (width, height) = options.size;
+    let needed = u64::from(width) * u64::from(height) * PIXEL_BYTES + (32 << 20);
+    if needed > options.memory_bytes {
+        return Err(Error::TooLarge {
+            message: format!(
+                "a picture of {width} x {height} needs {} MiB, over the limit of {} MiB",
+                needed >> 20,
+                options.memory_bytes >> 20
+            ),
+            help: format!("give `--memory {}M`, or a smaller `--size`", (needed >> 20) + 1),
+        });
+    }
+    let facts = store.facts()?;
+    let camera = camera(options, &facts).ok_or_else(|| {
+        usage("the camera looks nowhere, or along its up".to_owned(), "give another `--look`, or `--view-up`")
+    })?;
+    let version = entry::version_to_read(store, options.version)?;
+    Ok(Plan { store, options: options.clone(), facts, camera, is_hdr, version })
+}
+
+fn vertical(facts: &ModelFacts) -> DVec3 {
+    if facts.up == 'y' { DVec3::Y } else { DVec3::Z }
+}
+
+fn camera(options: &Options, facts: &ModelFacts) -> Option<Camera> {
+    let (width, height) = options.size;
+    let aspect = f64::from(width) / f64::from(height);
+    let Some(places) = options.eye_and_look else {
+        let bounds = Bounds { min: DVec3::from_array(facts.min_m), max: DVec3::from_array(facts.max_m) };
+        return Camera::overview(bounds, vertical(facts), aspect);
+    };
+    let [eye, look] = places.map(|p| (DVec3::from_array(p) - DVec3::from_array(facts.origin)) * facts.metres_per_unit);
+    let up = options.view_up.map_or(vertical(facts), DVec3::from_array);
+    Camera::new(&View { eye, look, up, fov_degrees: options.fov_degrees, aspect })
+}
+
+/// Draws and writes.
+pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
+    let (width, height) = plan.options.size;
+    let rows = rows(plan, progress)?;
+    let pixels: Vec<[f32; 3]> = rows.iter().flat_map(|r| r.pixels.iter().copied()).collect();
+    let covered: u64 = rows.iter().map(|r| r.covered).sum();
+    drop(rows);
+    let mut out = Output::create(&plan.options.output, plan.options.force)?;
+    let written = if plan.is_hdr {
+        write_hdr(&pixels, (width, height), &header_lines(&plan.options), &mut out)
+    } else {
+        let exposure = tone::exposure(&pixels);
+        let bytes: Vec<u8> = pixels.iter().flat_map(|p| tone::display(*p, exposure)).collect();
+        write_png(&bytes, (width, height), tone::NAME, &mut out)
+    };
+    written.map_err(|e| Error::io(&plan.options.output, &e))?;
+    out.finish()?;
+    Ok(Summary {
+        files: vec![plan.options.output.clone()],
+        solution_version: plan.version,
+        size: plan.options.size,
+        covered: covered as f64 / f64::from(width * height),
+    })
+}
+
+/// What a Radiance picture says of itself.
+fn header_lines(options: &Options) -> Vec<String> {
+    let mut lines = vec!["# radiance in W/(m2 sr)".to_owned(), "EXPOSURE=1".to_owned()];
+    if let Some([eye, look]) = options.eye_and_look {
+        let along: [f64; 3] = std::array::from_fn(|i| look[i] - eye[i]);
+        let text = |v: [f64; 3]| format!("{} {} {}", v[0], v[1], v[2]);
+        let (width, height) = options.size;
+        let half = libm::tan(0.5 * options.fov_degrees.to_radians());
+        let across = 2.0 * libm::atan(half * f64::from(width) / f64::from(height)).to_degrees();
+        let up = options.view_up.map(|up| format!(" -vu {}", text(up))).unwrap_or_default();
+        lines.push(format!(
+            "VIEW=-vtv -vp {} -vd {}{up} -vh {across} -vv {}",
+            text(eye),
+            text(along),
+            options.fov_degrees
+        ));
+    }
+    lines
+}
+
+struct Row {
+    pixels: Vec<[f32; 3]>,
+    covered: u64,
+}
+
+/// All rows, drawn by several threads.
+fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let (width, height) = plan.options.size;
+    // Each thread opens the store for itself; of the plan they share the rest.
+    let (options, facts, camera, version) = (&plan.options, &plan.facts, &plan.camera, plan.version);
+    let (dir, wait) = (plan.store.dir().to_path_buf(), plan.store.wait());
+    let next = AtomicU32::new(0);
+    let done: Mutex<Vec<Option<Row>>> = Mutex::new((0..height).map(|_| None).collect());
+    let failure: Mutex<Option<Error>> = Mutex::new(None);
+    progress.begin("draw", "rows", Some(u64::from(height)));
+    std::thread::scope(|scope| {
+        for _ in 0..options.threads.max(1) {
+            scope.spawn(|| {
+                let work = || -> Result<()> {
+                    let store = Store::open(&dir, wait)?;
+                    let mut eye = Eye::open(&store, version, options)?;
+                    let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(&dir, "no ray structure"))?;
+                    let view = top.parse(TopRaysView::parse)?;
+                    let scene = RayScene::new(view, &file, facts.snap_m).map_err(|e| top.damage(e))?;
+                    loop {
+                        let y = next.fetch_add(1, Ordering::Relaxed);
+                        if y >= height {
+                            return Ok(());
+                        }
+                        if progress.interrupted() {
+                            return Err(Error::Interrupted);
+                        }
+                        let row = eye.row(&scene, camera, y, (width, height))?;
+                        done.lock().expect("no thread panics")[y as usize] = Some(row);
+                        progress.at(u64::from(y));
+                    }
+                };
+                if let Err(error) = work() {
+                    *failure.lock().expect("no thread panics") = Some(error);
+                    next.store(height, Ordering::Relaxed);
+                }
+            });
+        }
+    });
+    if let Some(error) = failure.into_inner().expect("no thread panics") {
+        return Err(error);
+    }
+    Ok(done.into_inner().expect("no thread panics").into_iter().flatten().collect())
+}
+
+/// Looks up the light where rays meet the model.
+struct Eye<'s> {
+    set: WorkingSet<'s>,
+    smooth: LruCache<(u32, usize), (SmoothSide, usize)>,
+    bytes: usize,
+    limit_bytes: usize,
+}
+
+impl<'s> Eye<'s> {
+    fn open(store: &'s Store, version: u64, options: &Options) -> Result<Self> {
+        let share = options.memory_bytes / 4 / options.threads.max(1) as u64;
+        Ok(Self {
+            set: WorkingSet::open(store, version)?,
+            smooth: LruCache::unbounded(),
+            bytes: 0,
+            limit_bytes: share as usize,
+        })
+    }
+
+    fn row(&mut self, scene: &RayScene<'_>, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
+        let mut row = Row { pixels: Vec::with_capacity(width as usize), covered: 0 };
+        for x in 0..width {
+            let (mut sum, mut met) = (Rgb::BLACK, false);
+            for i in 0..GRID * GRID {
+                let at = |pixel: u32, step: u32, size: u32| {
+                    (f64::from(pixel) + (f64::from(step) + 0.5) / f64::from(GRID)) / f64::from(size)
+                };
+                let (from, along) = camera.ray(at(x, i % GRID, width), at(y, i / GRID, height));
+                if let Nearest::Met(hit) = scene.nearest(from, along, None) {
+                    sum += self.radiosity(&hit, from + along * hit.t)?;
+                    met = true;
+                }
+            }
+            let scale = 1.0 / (f64::from(GRID * GRID) * std::f64::consts::PI);
+            row.pixels.push((sum * scale).to_f32());
+            row.covered += u64::from(met);
+        }
+        Ok(row)
+    }
+
+    /// What leaves a place towards the ray, W/m2.
+    fn radiosity(&mut self, hit: &Hit, point: DVec3) -> Result<Rgb> {
+        let cluster = self.set.mapped(ClusterId(hit.key.cluster))?;
+        let view = cluster.view();
+        let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+        if !view.takes_part(at.index()) {
+            return Ok(Rgb::BLACK);
+        }
+        let mut name = NodeName::root(view.id, at);
+        let mut shape = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
+        while view.light.has_children(name) {
+            let quarter = quadtree::child_at(&shape, point);
+            name = name.child(quarter);
+            shape = quadtree::child(&shape, quarter);
+        }
+        Ok(self.side(&view, at).at(name, &shape, point))
+    }
+
+    fn side(&mut self, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
+        let key = (view.id.0, at.index());
+        if !self.smooth.contains(&key) {
+            let leaves = leaves::of_side(view, at);
+            let corners = usize::from(view.geometry.patches[usize::from(at.patch)].corner_count);
+            let side = SmoothSide::new(corners, leaves.iter().map(|l| (l.name, l.radiosity)));
+            let bytes = leaves.len() * LEAF_BYTES;
+            self.smooth.put(key, (side, bytes));
+            self.bytes += bytes;
+            while self.bytes > self.limit_bytes && self.smooth.len() > 1 {
+                if let Some((_, (_, freed))) = self.smooth.pop_lru() {
+                    self.bytes -= freed;
+                }
+            }
+        }
+        &self.smooth.get(&key).expect("just put there").0
+    }
+}
