@@ -135,7 +135,8 @@ impl<'a, 's> GroupSolver<'a, 's> {
         receiver.refine(&context, &visible)?;
         let mut counts = receiver.counts;
         let patches = view.geometry.patches;
-        let closure = closure::rows(&receiver.mesh, &receiver.rows, |leaf| {
+        let emits = |leaf: NodeName| view.materials[leaf.patch_side().index()].exitance != [0.0; 3];
+        let closure = closure::rows(&receiver.mesh, &receiver.rows, emits, |leaf| {
             let escape = match known.get(&leaf.0) {
                 Some(stored) => f64::from(stored.measured_escape),
                 None if head.escape > 0.0 => {

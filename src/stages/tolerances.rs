@@ -16,8 +16,8 @@ pub fn typical_irradiance(facts: &ModelFacts) -> f64 {
 /// Share of the tolerance that a row's links may use up; the rest is for what does not average out.
 const ROW_SHARE: f64 = 0.75;
 
-/// The tolerances of a task. No element edge is below `min_element_m`, by default the tolerance's
-/// share of a typical patch's width.
+/// The tolerances of a task. No element edge is below `min_element_m`, by default twice the
+/// tolerance's share of a typical patch's width.
 #[must_use]
 pub fn of(facts: &ModelFacts, tolerance: f64, min_element_m: Option<f64>) -> Tolerances {
     Tolerances {
@@ -29,5 +29,5 @@ pub fn of(facts: &ModelFacts, tolerance: f64, min_element_m: Option<f64>) -> Tol
 /// `--min-element` where none is given, m.
 #[must_use]
 pub fn default_min_element_m(facts: &ModelFacts, tolerance: f64) -> f64 {
-    tolerance * facts.mean_patch_area_m2.sqrt()
+    2.0 * tolerance * facts.mean_patch_area_m2.sqrt()
 }

@@ -78,9 +78,15 @@ impl Part {
 /// Error of a form factor's own rounding and averaging, in a sum over a row.
 const FLOOR: f64 = 1e-4;
 
-/// Closes the rows of all leaves of a mesh that see anything; `measured` gives a leaf's escape,
-/// unseen mass and completeness. Ascending by name.
-pub fn rows(mesh: &Mesh, links: &[Vec<Link>], mut measured: impl FnMut(NodeName) -> Row) -> Vec<LeafClosure> {
+/// Closes the rows of all leaves of a mesh that see anything or emit (`emits`: their light may leave the
+/// model though none arrives); `measured` gives a leaf's escape, unseen mass and completeness.
+/// Ascending by name.
+pub fn rows(
+    mesh: &Mesh,
+    links: &[Vec<Link>],
+    emits: impl Fn(NodeName) -> bool,
+    mut measured: impl FnMut(NodeName) -> Row,
+) -> Vec<LeafClosure> {
     let mut above = vec![Part::default(); mesh.elements.len()];
     let mut out = Vec::new();
     for (at, element) in mesh.elements.iter().enumerate() {
@@ -89,7 +95,7 @@ pub fn rows(mesh: &Mesh, links: &[Vec<Link>], mut measured: impl FnMut(NodeName)
             let first = element.first_child as usize;
             let down = above[at].plus(own);
             above[first..first + 4].fill(down);
-        } else if own.sum + above[at].sum > 0.0 {
+        } else if own.sum + above[at].sum > 0.0 || emits(element.name) {
             // The mean over the leaf itself is what its own links are for.
             let own = Part { bound: 0.0, ..own };
             out.push(close(element.name, &Row { own, above: above[at], ..measured(element.name) }));

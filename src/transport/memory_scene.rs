@@ -148,13 +148,18 @@ impl MemoryScene {
             let mut receiver = Receiver::new(view, mesh, rows);
             receiver.refine(&context, &visible).expect("memory does not fail");
             let mut counts = receiver.counts;
-            let closure = closure::rows(&receiver.mesh, &receiver.rows, |leaf| {
-                let patch = &own.patches[usize::from(leaf.patch_side().patch)];
-                let node = Node::at(ClusterId(i as u32), patch, leaf);
-                let escape =
-                    if open { closure::measure_escape(&context.scene, &node, 1, &mut counts.rays) } else { 0.0 };
-                Row { escape, unseen: 1e-3, complete: scope == Scope::Everything, ..Row::default() }
-            });
+            let closure = closure::rows(
+                &receiver.mesh,
+                &receiver.rows,
+                |_| false,
+                |leaf| {
+                    let patch = &own.patches[usize::from(leaf.patch_side().patch)];
+                    let node = Node::at(ClusterId(i as u32), patch, leaf);
+                    let escape =
+                        if open { closure::measure_escape(&context.scene, &node, 1, &mut counts.rays) } else { 0.0 };
+                    Row { escape, unseen: 1e-3, complete: scope == Scope::Everything, ..Row::default() }
+                },
+            );
             self.counts.evaluated += counts.evaluated;
             self.counts.rays += counts.rays;
             self.counts.reused += counts.reused;

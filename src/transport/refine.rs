@@ -91,7 +91,7 @@ impl<'a> Receiver<'a> {
         let all: Vec<usize> = (0..sides.len()).collect();
         self.link_sources(context, visible, &sides, &all, &mut linked, true)?;
         if context.scope == Scope::Everything {
-            let lit_sides = self.sides_that_see_something();
+            let lit_sides = self.sides_that_matter();
             let lit: Vec<usize> = all.into_iter().filter(|&i| lit_sides[sides[i].name.patch_side().index()]).collect();
             self.link_sources(context, visible, &sides, &lit, &mut linked, false)?;
         }
@@ -111,8 +111,9 @@ impl<'a> Receiver<'a> {
         linked
     }
 
-    fn sides_that_see_something(&self) -> Vec<bool> {
-        let mut lit = vec![false; 2 * self.view.geometry.patches.len()];
+    fn sides_that_matter(&self) -> Vec<bool> {
+        // Emitters need whole rows even where nothing lights them: what they see tells what escapes.
+        let mut lit: Vec<bool> = self.view.materials.iter().map(|m| m.exitance != [0.0; 3]).collect();
         for (element, row) in self.mesh.elements.iter().zip(&self.rows) {
             if row.iter().any(|l| l.form_factor > 0.0) {
                 lit[element.name.patch_side().index()] = true;

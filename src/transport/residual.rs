@@ -13,23 +13,34 @@ pub struct Change {
     pub change: f64,
     /// Integral of the squared irradiance.
     pub norm: f64,
+    /// The same two over emitters, which count only where there is nothing else.
+    pub emitters: [f64; 2],
 }
 
 impl Change {
     /// Relative root mean square change; 0 where nothing is lit.
     #[must_use]
     pub fn residual(self) -> f64 {
-        if self.norm > 0.0 { (self.change / self.norm).sqrt() } else { 0.0 }
+        let [change, norm] = if self.norm > 0.0 { [self.change, self.norm] } else { self.emitters };
+        if norm > 0.0 { (change / norm).sqrt() } else { 0.0 }
+    }
+
+    fn of_emitter(self) -> Self {
+        Self { emitters: [self.change, self.norm], ..Self::default() }
     }
 
     /// The sum of both.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
-        Self { change: self.change + other.change, norm: self.norm + other.norm }
+        Self {
+            change: self.change + other.change,
+            norm: self.norm + other.norm,
+            emitters: [0, 1].map(|i| self.emitters[i] + other.emitters[i]),
+        }
     }
 }
 
-/// The change of a cluster between two versions, over the lit sides of patches that do not emit.
+/// The change of a cluster between two versions, over the lit sides of its patches.
 #[must_use]
 pub fn of_cluster(
     geometry: &GeometryView<'_>,
@@ -44,8 +55,9 @@ pub fn of_cluster(
         let patch = usize::from(name.patch_side().patch);
         let before = old.find(name).map_or([0.0; 3], |e| e.irradiance);
         let lit = root.irradiance != [0.0; 3] || before != [0.0; 3];
-        if patch < geometry.patches.len() && lit && !emits(patch) {
-            sum = sum.plus(of_element(geometry, patch, name, old, new));
+        if patch < geometry.patches.len() && lit {
+            let change = of_element(geometry, patch, name, old, new);
+            sum = sum.plus(if emits(patch) { change.of_emitter() } else { change });
         }
     }
     sum
@@ -67,7 +79,8 @@ fn of_element(
     let light = |view: &LightView<'_>| view.nearest(name).map_or(Rgb::BLACK, |e| Rgb::from_f32(e.irradiance));
     let (before, after) = (light(old), light(new));
     let area = quadtree::element_polygon(&geometry.patches[patch], name.path()).area();
-    Change { change: area * (after - before).norm_squared(), norm: area * after.norm_squared() }
+    let (change, norm) = (area * (after - before).norm_squared(), area * after.norm_squared());
+    Change { change, norm, ..Change::default() }
 }
 
 /// The factor by which the error falls per iteration: the largest ratio of successive `residuals`

@@ -45,11 +45,11 @@ pub struct Care {
 }
 
 /// No form factor's error above this is let pass, however alike source and receiver are now.
-const LARGEST_DOUBT: f64 = 0.01;
+const LARGEST_DOUBT: f64 = 0.002;
 
 /// Rays of the first batch, and the most for one link.
 const FIRST_RAYS: u64 = 8;
-const MOST_RAYS: u64 = 128;
+const MOST_RAYS: u64 = 256;
 
 /// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
 const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
