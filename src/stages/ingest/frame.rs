@@ -8,6 +8,9 @@ use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::split::area_vector;
 
+/// Vertices farther from zero than this, m, are as good as infinite: f64 itself rounds them to a tenth of a micrometre.
+const FARTHEST_M: f64 = 1e9;
+
 /// From model coordinates to the store's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
@@ -18,6 +21,12 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Whether a vertex lies where something can be.
+    #[must_use]
+    pub fn is_usable(&self, position: DVec3) -> bool {
+        is_usable(position, self.metres_per_unit)
+    }
+
     /// A vertex, rounded once: m from the origin. -0 is 0, so that equal places have equal bits.
     #[must_use]
     pub fn store_position(&self, position: DVec3) -> [f32; 3] {
@@ -31,6 +40,10 @@ impl Frame {
     }
 }
 
+fn is_usable(position: DVec3, metres_per_unit: f64) -> bool {
+    position.is_finite() && position.abs().max_element() * metres_per_unit <= FARTHEST_M
+}
+
 /// What the faces' vertices say of the whole model.
 #[derive(Clone, Copy, Debug)]
 pub struct Survey {
@@ -41,8 +54,8 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Looks at every face whose corners are there and finite.
-    pub fn of(spilled: &mut Spilled, progress: &dyn Progress) -> Result<Self> {
+    /// Looks at every face whose corners are there and usable.
+    pub fn of(spilled: &mut Spilled, metres_per_unit: f64, progress: &dyn Progress) -> Result<Self> {
         progress.begin("measure", "faces", Some(spilled.polygons));
         let mut survey = Self { bounds: Bounds::EMPTY, area_along: [0.0; 2] };
         let mut points = Vec::new();
@@ -51,7 +64,7 @@ impl Survey {
                 points.clear();
                 for corner in &face.corners {
                     match position(spilled, face, *corner)? {
-                        Some(p) if p.is_finite() => points.push(p),
+                        Some(p) if is_usable(p, metres_per_unit) => points.push(p),
                         _ => return Ok(()),
                     }
                 }
@@ -83,7 +96,18 @@ impl Survey {
     /// The frame of a store: its origin is the centre of the bounds, in whole units.
     #[must_use]
     pub fn frame(&self, metres_per_unit: f64) -> Frame {
-        Frame { origin: self.bounds.centre().round(), metres_per_unit }
+        let origin = if self.is_empty() { DVec3::ZERO } else { self.bounds.centre().round() };
+        Frame { origin, metres_per_unit }
+    }
+
+    /// Length of the diagonal of the bounds, model units; 0 if there are none.
+    #[must_use]
+    pub fn diagonal(&self) -> f64 {
+        if self.is_empty() { 0.0 } else { self.bounds.size().length() }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.bounds.min.x > self.bounds.max.x
     }
 
     /// What is odd about the model's size, if anything.
@@ -118,12 +142,12 @@ pub fn position(spilled: &mut Spilled, face: &Face, corner: FaceCorner) -> Resul
 #[must_use]
 pub fn no_faces(spilled: &Spilled) -> Error {
     let names: Vec<_> = spilled.files.iter().map(|f| f.path.display().to_string()).collect();
-    let mut why = format!("{} faces read", spilled.polygons);
+    let mut why = format!("`f` records: {}", spilled.polygons);
     for warning in spilled.skipped.warnings(&spilled.files.iter().map(|f| f.path.clone()).collect::<Vec<_>>()) {
         why = format!("{why}; {warning}");
     }
     for (what, n) in &spilled.ignored {
-        why = format!("{why}; {n} {what}");
+        why = format!("{why}; {what}: {n}");
     }
     Error::failed(
         format!("{}: no face with an area ({why})", names.join(", ")),

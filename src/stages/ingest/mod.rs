@@ -226,10 +226,7 @@ pub fn execute(plan: Plan, progress: &dyn Progress) -> Result<Summary> {
 fn ingest(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let store = Store::create(&options.store, options.wait)?;
     let _lock = RunLock::take(&store, &format!("clerestory ingest {}", options.store.display()))?;
-    if options.fresh {
-        store.empty()?;
-    }
-    let before = store.stage(Stage::Ingest)?;
+    let before = if options.fresh { None } else { store.stage(Stage::Ingest)? };
     if let Some(record) = &before
         && rerun::is_unchanged(record, options)?
     {
@@ -237,6 +234,10 @@ fn ingest(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     }
     let scratch = Scratch::create(&options.store)?;
     let made = Made::from_files(options, &scratch, progress)?;
+    if options.fresh {
+        // Only now: a model that can't be read costs nobody a store.
+        store.empty()?;
+    }
     match before {
         None => made.into_empty_store(options, &store, &scratch, progress),
         Some(record) => made.into_known_store(options, &store, &record, &scratch, progress),
@@ -269,13 +270,10 @@ impl Made {
         materials::warn_of_ignored(&libraries, progress);
         let incomplete = spilled.files.iter().zip(&libraries).any(|(f, l)| l.len() < f.libraries.len());
 
-        let survey = Survey::of(&mut spilled, progress)?;
-        if !survey.bounds.size().is_finite() {
-            return Err(frame::no_faces(&spilled));
-        }
         let unit = options.units.metres();
+        let survey = Survey::of(&mut spilled, unit, progress)?;
         let frame = survey.frame(unit);
-        let snap_m = options.snap_m.unwrap_or(SNAP * survey.bounds.size().length() * unit);
+        let snap_m = options.snap_m.unwrap_or(SNAP * survey.diagonal() * unit);
         let mut raw = RecordFile::create(dir, "raw", cache)?;
         pieces::make(&mut spilled, frame, snap_m, &mut raw, progress)?;
         let search = Search { dir, memory_bytes: options.memory.share(10), snap_m, materials: &materials };

@@ -66,11 +66,11 @@ fn one_face(
             };
             return spilled.skipped.add(Cause::BadFace, face.source, &detail);
         };
-        let stored = frame.store_position(at);
-        if !stored.iter().all(|x| x.is_finite()) {
-            let detail = format!("corner at {} {} {} is not finite", at.x, at.y, at.z);
+        if !frame.is_usable(at) {
+            let detail = format!("corner at {} {} {} is not finite, or over 1e9 m from zero", at.x, at.y, at.z);
             return spilled.skipped.add(Cause::NotFinite, face.source, &detail);
         }
+        let stored = frame.store_position(at);
         if corners.last().is_none_or(|last| last.1 != stored) {
             corners.push((*corner, stored));
         }
