@@ -42,7 +42,7 @@ fn tobjs(path: &PathBuf) -> Vec<Vec<[f32; 3]>> {
     let mut faces = Vec::new();
     for model in models {
         let mesh = model.mesh;
-        let at = |i: u32| [0, 1, 2].map(|k| mesh.positions[3 * i as usize + k] as f32);
+        let at = |i: u32| [0, 1, 2].map(|k| mesh.positions[3 * i as usize + k]);
         let mut from = 0;
         let arities =
             if mesh.face_arities.is_empty() { vec![3; mesh.indices.len() / 3] } else { mesh.face_arities.clone() };

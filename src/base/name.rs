@@ -78,7 +78,7 @@ impl NodeName {
     /// An element by its path: a leading 1, then two bits a level.
     #[must_use]
     pub fn element(cluster: ClusterId, at: PatchSide, path: u32) -> Self {
-        debug_assert!(path >= 1 && path < 1 << PATH_BITS);
+        debug_assert!((1..1 << PATH_BITS).contains(&path));
         Self(
             (u64::from(cluster.0) << 40)
                 | (u64::from(at.patch) << (PATH_BITS + 1))

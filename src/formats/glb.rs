@@ -64,8 +64,8 @@ impl GlbWriter {
     /// Bytes that the file has so far.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let json = self.views.len() + self.accessors.len() + self.meshes.len() + self.nodes.len();
-        OVERHEAD + json + self.binary.len()
+        let json = self.views.bytes() + self.accessors.bytes() + self.meshes.bytes() + self.nodes.bytes();
+        OVERHEAD + json + self.binary.bytes()
     }
 
     /// Adds a mesh as a node of that name; one without triangles is left out.
@@ -132,8 +132,8 @@ impl GlbWriter {
     }
 
     fn accessor(&mut self, bytes: &[u8], target: u32, accessor: &serde_json::Value) -> io::Result<()> {
-        let first = self.views.len() == 0;
-        let view = json!({"buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(), "target": target});
+        let first = self.views.bytes() == 0;
+        let view = json!({"buffer": 0, "byteOffset": self.binary.bytes(), "byteLength": bytes.len(), "target": target});
         put(&mut self.views, first, &view)?;
         let mut accessor = accessor.clone();
         accessor["bufferView"] = json!(self.accessor_count);
@@ -160,7 +160,7 @@ impl GlbWriter {
             "materials": [{"name": "radiosity", "extensions": {"KHR_materials_unlit": {}},
                 "pbrMetallicRoughness": {"baseColorFactor": [1.0, 1.0, 1.0, 1.0], "metallicFactor": 0.0,
                     "roughnessFactor": 1.0}}],
-            "buffers": [{"byteLength": self.binary.len()}],
+            "buffers": [{"byteLength": self.binary.bytes()}],
         });
         let head = head.to_string();
         let head = head.strip_suffix('}').unwrap_or(&head);
@@ -173,12 +173,12 @@ impl GlbWriter {
         ];
         let mut length = head.len() as u64 + 1;
         for (before, list, after) in &lists {
-            length += before.len() as u64 + list.len() + after.len() as u64;
+            length += before.len() as u64 + list.bytes() + after.len() as u64;
         }
         let (nodes_before, nodes_after) = (",\"nodes\":[", format!("{comma}{root}]"));
-        length += nodes_before.len() as u64 + self.nodes.len() + nodes_after.len() as u64;
+        length += nodes_before.len() as u64 + self.nodes.bytes() + nodes_after.len() as u64;
         let json_padding = length.next_multiple_of(4) - length;
-        let binary = self.binary.len();
+        let binary = self.binary.bytes();
         let total = 12 + 8 + length + json_padding + 8 + binary;
         let word = |n: u64| u32::try_from(n).map_err(|_| io::Error::other("over 4 GiB: more than GLB can hold"));
         out.write_all(b"glTF")?;

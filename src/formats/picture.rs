@@ -50,7 +50,7 @@ mod tests {
         let back = image::load_from_memory(&out).unwrap().to_rgb8();
         assert_eq!((back.dimensions(), back.as_raw()), ((6, 4), &pixels));
         let mut reader = png::Decoder::new(Cursor::new(&out)).read_info().unwrap();
-        reader.next_frame(&mut vec![0; 72]).unwrap();
+        reader.next_frame(&mut [0; 72]).unwrap();
         let text = &reader.info().uncompressed_latin1_text[0];
         assert_eq!((text.keyword.as_str(), text.text.as_str()), ("Tone map", "Reinhard"));
     }

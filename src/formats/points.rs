@@ -43,7 +43,7 @@ impl<R: BufRead> PointReader<R> {
         let cells: Vec<&str> =
             if comma { text.split(',').map(str::trim).collect() } else { text.split_whitespace().collect() };
         if self.columns.is_none() {
-            let is_header = cells.iter().any(|c| *c == "x");
+            let is_header = cells.contains(&"x");
             let mut columns = [0, 1, 2, 3, 4, 5];
             if is_header {
                 for (column, name) in columns.iter_mut().zip(COLUMNS) {

@@ -21,7 +21,7 @@ impl Spool {
 
     /// Bytes written.
     #[must_use]
-    pub fn len(&self) -> u64 {
+    pub fn bytes(&self) -> u64 {
         self.bytes
     }
 

@@ -53,7 +53,7 @@ impl Camera {
         let across = plan.max_element().max(1e-9);
         let front =
             if plan.x >= plan.max_element() { plan_axis(vertical, DVec3::X) } else { plan_axis(vertical, DVec3::Y) };
-        let distance = 0.62 * across.max(plan.length() / aspect) / libm::tan(0.5 * FOV_DEGREES.to_radians());
+        let distance = 0.48 * across.max(plan.length() / aspect) / libm::tan(0.5 * FOV_DEGREES.to_radians());
         let toward = (vertical * 0.9 - front * 0.43).normalize();
         let look = bounds.centre();
         let view =

@@ -163,14 +163,14 @@ fn graph(set: &WorkingSet<'_>, progress: &dyn Progress) -> Result<Graph> {
     }
     let position: BTreeMap<u32, u32> = graph.places.iter().enumerate().map(|(i, p)| (p.cluster, i as u32)).collect();
     let mut weights: BTreeMap<(u32, u32), f64> = BTreeMap::new();
-    for at in 0..graph.places.len() {
-        let id = ClusterId(graph.places[at].cluster);
+    for (at, (place, area_m2)) in graph.places.iter().zip(&area).enumerate() {
+        let id = ClusterId(place.cluster);
         let list = set.snapshot().need(ExtentKind::Visibility, id)?;
         for seen in list.parse(VisibilityView::parse)?.clusters {
             let other = position[&seen.cluster];
             let (a, b) = (other.min(at as u32), other.max(at as u32));
             // Half from each side's estimate.
-            *weights.entry((a, b)).or_default() += 0.5 * area[at] * f64::from(seen.form_factor);
+            *weights.entry((a, b)).or_default() += 0.5 * area_m2 * f64::from(seen.form_factor);
         }
         progress.at(at as u64 + 1);
     }

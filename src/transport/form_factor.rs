@@ -79,7 +79,7 @@ fn at_point(point: DVec3, normal: DVec3, source: &Polygon, source_normal: DVec3)
 }
 
 /// Offsets of the two Gauss points on [0, 1].
-const GAUSS: [f64; 2] = [0.211_324_865_405_187_12, 0.788_675_134_594_812_9];
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 /// Mean by four Gauss points (quads) or the four children's centroids (triangles).
 fn rule(shape: &Polygon, normal: DVec3, source: &Polygon, source_normal: DVec3) -> Average {

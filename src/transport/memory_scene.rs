@@ -211,22 +211,6 @@ impl MemoryScene {
         let own = self.stored.borrow()[polygon].clone();
         f64::from(own.materials[0].exitance[0]) + f64::from(own.materials[0].rho[0]) * self.irradiance(polygon)
     }
-
-    /// Closed rows of the front of a polygon.
-    pub fn closure(&self, polygon: usize) -> Vec<LeafClosure> {
-        let front = |c: &&LeafClosure| NodeName(c.leaf).patch_side().side == 0;
-        self.closures[polygon].iter().filter(front).copied().collect()
-    }
-
-    /// Elements of the model.
-    pub fn elements(&self) -> usize {
-        self.stored.borrow().iter().map(|s| s.view().light.elements.len()).sum()
-    }
-
-    /// Links of the model.
-    pub fn links(&self) -> usize {
-        self.rows.iter().flatten().map(|(_, row)| row.len()).sum()
-    }
 }
 
 struct AllLinks<'a>(&'a [Vec<(NodeName, Vec<Link>)>]);

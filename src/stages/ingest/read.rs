@@ -121,7 +121,7 @@ impl Spilled {
             place.source.line = u32::try_from(line).map_err(|_| too_many("lines"))?;
             self.take(&mut place, record)?;
             records += 1;
-            if records % 65_536 == 0 {
+            if records.is_multiple_of(65_536) {
                 progress.at(records);
                 if progress.interrupted() {
                     return Err(Error::Interrupted);
@@ -235,7 +235,7 @@ impl Spilled {
             }
             visit(self, &face)?;
             seen += 1;
-            if seen % 16_384 == 0 {
+            if seen.is_multiple_of(16_384) {
                 progress.at(seen);
                 if progress.interrupted() {
                     return Err(Error::Interrupted);
