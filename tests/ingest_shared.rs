@@ -24,7 +24,7 @@ fn scenes() -> Vec<PathBuf> {
 }
 
 /// Corner positions of every face, as f32, and where faces are.
-fn ours(path: &PathBuf) -> Vec<Vec<[f32; 3]>> {
+fn ours(path: &std::path::Path) -> Vec<Vec<[f32; 3]>> {
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     let mut reader = ObjReader::open(path).unwrap();
     while let Some((_, record)) = reader.next_record().unwrap() {
