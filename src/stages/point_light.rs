@@ -58,12 +58,15 @@ impl<'a, 's> PointLight<'a, 's> {
     /// Irradiance at a point (m from the store's origin) of a patch side, W/m2.
     pub fn irradiance(&mut self, at: Place, point: DVec3) -> Result<Rgb> {
         let id = ClusterId(at.key.cluster);
-        let leaf = self.leaf(&*self.set.mapped(id)?, at, point);
+        let mapped = self.set.mapped(id)?;
+        let leaf = self.leaf(&mapped, at, point);
         let rows = self.rows(id)?;
         let closure = rows.closure.binary_search_by_key(&leaf.name.0, |c| c.leaf).ok().map(|i| &rows.closure[i]);
         // Exactly on the plane: what lies in it must not count as above or below.
         let on_plane = point - leaf.normal * leaf.height(point);
-        let place = gather_point::Place { point: on_plane, leaf: &leaf, closure };
+        let stored = mapped.view().light.find(leaf.name).map_or([0.0; 3], |e| e.irradiance);
+        let typical_w_m2 = Rgb::from_f32(stored).max();
+        let place = gather_point::Place { point: on_plane, leaf: &leaf, typical_w_m2, closure };
         let mut gathered = Gathered::default();
         let mut above = Some(leaf.name);
         while let Some(name) = above {

@@ -19,6 +19,9 @@ pub struct Place<'a> {
     pub point: DVec3,
     /// The leaf that holds it.
     pub leaf: &'a Node,
+    /// Largest channel of the leaf's irradiance, W/m2: rows are closed, so an error in the share of a
+    /// dark source is made up by all others.
+    pub typical_w_m2: f64,
     /// How its row was closed.
     pub closure: Option<&'a LeafClosure>,
 }
@@ -36,7 +39,7 @@ pub struct Gathered {
 const CUT_SHARE: f64 = 0.02;
 
 /// Rays from a point to one source whose visibility is partial: at least, at most.
-const RAYS: (u64, u64) = (4, 256);
+const RAYS: (u64, u64) = (16, 1024);
 
 /// Adds what arrives over one link of an element that holds the place. Sources whose light varies
 /// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
@@ -86,7 +89,7 @@ fn add_source(
         return;
     }
     let share = if cut {
-        let importance = open * source.radiosity.max() / allowed.max(f64::MIN_POSITIVE);
+        let importance = open * (source.radiosity.max() + place.typical_w_m2) / allowed.max(f64::MIN_POSITIVE);
         visible_share(scene, place, s, importance, rays)
     } else {
         1.0
