@@ -1,7 +1,7 @@
 //! Pieces with the same corners: duplicates go, opposite pairs become one patch with two materials.
 //!
-//! Candidates meet in cells of space, sorted externally; only pieces whose centres share a cell are
-//! compared. The first piece stays; of the materials that face one way an emitting one wins, else
+//! Candidates meet in cells of space, sorted externally; only pieces whose centres meet in a cell are
+//! looked at. The first piece stays; of the materials that face one way an emitting one wins, else
 //! the first.
 
 use std::path::Path;
@@ -18,7 +18,7 @@ use crate::base::{Error, Progress, Result};
 use crate::geom::sequence::mix;
 
 /// Cells are this many snap lengths wide.
-const CELL: f64 = 16.0;
+const CELL: f64 = 32.0;
 /// Corners coincide only within this share of a face's shortest edge, however large the snap.
 const NEAR: f64 = 0.05;
 /// Pieces of one cell that are compared with each other.
@@ -29,6 +29,14 @@ const CROWD: usize = 1 << 12;
 struct InCell {
     cell: u64,
     piece: u64,
+    /// Bits of the centre's coordinates, and of 0.
+    centre: [u32; 4],
+}
+
+impl InCell {
+    fn centre(&self) -> DVec3 {
+        DVec3::from_array([0, 1, 2].map(|i| f64::from(f32::from_bits(self.centre[i]))))
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
@@ -58,40 +66,46 @@ impl Search<'_> {
         for i in 0..pieces.len() {
             let piece = pieces.get(i)?;
             if piece.gone == 0 {
-                self.cells_of(&piece, |cell| cells.push(InCell { cell, piece: i }))?;
+                let centre = centre(&piece);
+                let [x, y, z] = centre.as_vec3().to_array().map(f32::to_bits);
+                self.cells_of(centre, |cell| cells.push(InCell { cell, piece: i, centre: [x, y, z, 0] }))?;
             }
             if i % 65_536 == 0 && progress.interrupted() {
                 return Err(Error::Interrupted);
             }
         }
         let mut matches = Sorter::new(self.dir, self.memory_bytes / 4);
-        let mut crowd: Vec<(u64, Piece)> = Vec::new();
-        let mut cell = None;
+        let mut crowd: Vec<InCell> = Vec::new();
         let mut seen = 0;
         for entry in cells.finish()? {
             let entry = entry?;
-            if cell != Some(entry.cell) || crowd.len() == CROWD {
+            if crowd.first().is_some_and(|c| c.cell != entry.cell) || crowd.len() == CROWD {
                 crowd.clear();
-                cell = Some(entry.cell);
             }
-            let piece = pieces.get(entry.piece)?;
-            let same = |(_, other): &&(u64, Piece)| orientation(other, &piece, self.snap_m).is_some();
-            if let Some((first, _)) = crowd.iter().find(same) {
-                matches.push(Match { first: *first, later: entry.piece })?;
+            for other in &crowd {
+                // Centres are rounded here: a little more than the snap length.
+                let rounding = 1e-6 * entry.centre().abs().max_element();
+                if other.centre().distance(entry.centre()) <= self.snap_m + rounding
+                    && orientation(&pieces.get(other.piece)?, &pieces.get(entry.piece)?, self.snap_m).is_some()
+                {
+                    matches.push(Match { first: other.piece, later: entry.piece })?;
+                    break;
+                }
             }
-            crowd.push((entry.piece, piece));
+            crowd.push(entry);
             seen += 1;
             if seen % 65_536 == 0 {
-                progress.at(seen);
+                progress.at(seen.min(pieces.len()));
+                if progress.interrupted() {
+                    return Err(Error::Interrupted);
+                }
             }
         }
         self.resolve(matches, pieces, skipped)
     }
 
-    /// The cells that may hold the centres of pieces like this one.
-    fn cells_of(&self, piece: &Piece, mut visit: impl FnMut(u64) -> Result<()>) -> Result<()> {
-        let (points, n) = piece.points();
-        let centre = points[..n].iter().fold(DVec3::ZERO, |a, b| a + *b) / n as f64;
+    /// The cells that may hold the centres of pieces that coincide with one centred here.
+    fn cells_of(&self, centre: DVec3, mut visit: impl FnMut(u64) -> Result<()>) -> Result<()> {
         let width = (CELL * self.snap_m).max(1e-6);
         let margin = self.snap_m.max(width * 1e-6);
         let low = ((centre - margin) / width).floor().as_i64vec3().to_array();
@@ -135,6 +149,12 @@ impl Search<'_> {
         let emits = |m: u32| m != NONE && self.materials[m as usize].emits();
         if first == NONE || (emits(later) && !emits(first)) { later } else { first }
     }
+}
+
+/// Mean of a piece's corners.
+fn centre(piece: &Piece) -> DVec3 {
+    let (points, n) = piece.points();
+    points[..n].iter().fold(DVec3::ZERO, |a, b| a + *b) / n as f64
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
