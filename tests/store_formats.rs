@@ -60,8 +60,8 @@ fn a_store_of_format_1_can_be_worked_on() {
 #[test]
 fn check_names_every_damage_with_kind_file_place_and_cause() {
     let expected = [
-        ("flipped_bit", "radiosity", "segments/000009-update.seg", "cluster 0, version 2", "checksum is wrong"),
-        ("cut_off_segment", "links", "segments/000009-update.seg", "cluster 0, version 2", "cut off"),
+        ("flipped_bit", "radiosity", "segments/000008-update.seg", "cluster 0, version 2", "checksum is wrong"),
+        ("cut_off_segment", "links", "segments/000008-update.seg", "cluster 0, version 2", "cut off"),
         ("missing_segment", "materials", "segments/000004-materials.seg", "cluster 0, version 0", "missing"),
         ("foreign_row", "geometry", "segments/000001-geometry.seg", "cluster 0", "the catalogue says"),
         ("lost_light", "reference", "scene.sqlite", "cluster 1, version 0", "no radiosity"),

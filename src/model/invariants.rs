@@ -119,9 +119,7 @@ pub fn links(payload: &[u8], cluster: u32) -> Result<(), String> {
     ensure(errors, || "a spread or uncertainty is not a number".to_owned())?;
     ensure(ascending(view.closure.iter().map(|c| c.leaf)), || "closed rows are out of order".to_owned())?;
     for row in view.closure {
-        let own = f64::from(row.own_sum) * f64::from(row.own_factor);
-        let above = f64::from(row.above_sum) * f64::from(row.above_factor);
-        let sum = own + above + f64::from(row.escape);
+        let sum = f64::from(row.closed_sum) + f64::from(row.escape);
         ensure((0.0..=1.0 + ROW_SUM_SLACK).contains(&sum), || {
             format!("the row of {:?} sums to {sum}", NodeName(row.leaf))
         })?;

@@ -35,28 +35,29 @@ pub struct LinksHead {
     pub reserved2: u64,
 }
 
-/// What closes the row of one leaf: see "Closure" in ARCHITECTURE.md.
+/// What closes the row of one leaf: each link counts as a scale times its form factor plus a correction
+/// times its standard error. See `transport::closure`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct LeafClosure {
     /// The leaf's name.
     pub leaf: u64,
-    /// What the form factors of its own links are multiplied by.
-    pub own_factor: f32,
-    /// What those of links of elements above it are multiplied by.
-    pub above_factor: f32,
+    /// What the form factors of the leaf's own links are multiplied by.
+    pub own_scale: f32,
+    /// What their standard errors are multiplied by, to be added.
+    pub own_correction: f32,
+    /// What the form factors of links of elements above it are multiplied by.
+    pub above_scale: f32,
+    /// What their standard errors are multiplied by, to be added.
+    pub above_correction: f32,
     /// Form factor to the escape, after closing.
     pub escape: f32,
     /// Form factor that no link accounts for, after closing.
     pub unlinked: f32,
-    /// Sum of form factors of its own links, before closing.
-    pub own_sum: f32,
-    /// Sum of those of links of elements above it, before closing.
-    pub above_sum: f32,
+    /// Sum of the form factors of all links, after closing.
+    pub closed_sum: f32,
     /// Form factor to the escape as measured by rays.
     pub measured_escape: f32,
-    /// Standard error of both sums.
-    pub error: f32,
 }
 
 /// A link extent's arrays.

@@ -12,6 +12,7 @@ use crate::model::ExtentKind;
 use crate::model::links::{LinksView, index_of};
 use crate::store::Extent;
 use crate::store::tasks::UpdateRow;
+use crate::transport::closure;
 use crate::transport::link_rows::{self, Link};
 use crate::transport::relax::{InnerLink, InnerLinks, Member};
 use crate::transport::source::Loaded;
@@ -102,12 +103,12 @@ impl<'s> LinkStore<'_, 's> {
     }
 
     /// Calls `visit` with every link of a member, in the order of the store: (sources, position of the
-    /// receiver in the member's mesh, position of the source in the table, form factor).
+    /// receiver in the member's mesh, position of the source in the table, link).
     pub fn visit(
         &self,
         index: usize,
         members: &[Member],
-        mut visit: impl FnMut(&SourceTable, usize, usize, f32),
+        mut visit: impl FnMut(&SourceTable, usize, usize, &Link),
     ) -> Result<()> {
         let mesh = &members[index].mesh;
         if !self.keep {
@@ -115,7 +116,7 @@ impl<'s> LinkStore<'_, 's> {
                 let names: Vec<u64> = row.iter().map(|l| l.source.0).collect();
                 let table = self.resolve(&names, members)?;
                 for (at, link) in row.iter().enumerate() {
-                    visit(&table, mesh.nearest(receiver), at, link.form_factor);
+                    visit(&table, mesh.nearest(receiver), at, link);
                 }
             }
             return Ok(());
@@ -129,7 +130,7 @@ impl<'s> LinkStore<'_, 's> {
             let table = &tables[views.iter().position(|v| std::ptr::eq(v, view)).expect("one of the views")];
             let receiver = mesh.nearest(receiver);
             for at in range {
-                visit(table, receiver, index_of(view.packed[at]), view.form_factor[at]);
+                visit(table, receiver, index_of(view.packed[at]), &link_rows::link_at(view, at));
             }
         });
         Ok(())
@@ -178,11 +179,13 @@ impl InnerLinks for GroupLinks<'_, '_> {
             return Ok(known.clone());
         }
         let mut links = Vec::new();
-        self.store.visit(index, members, |table, receiver, source, form_factor| {
+        let elements = &members[index].mesh.elements;
+        self.store.visit(index, members, |table, receiver, source, link| {
             if let Some(source) = table.inside(source)
-                && form_factor > 0.0
+                && link.form_factor > 0.0
             {
-                links.push(InnerLink { receiver: receiver as u32, source, form_factor });
+                let error = closure::error(link, elements[receiver].is_leaf()) as f32;
+                links.push(InnerLink { receiver: receiver as u32, source, form_factor: link.form_factor, error });
             }
         })?;
         if self.store.keep {

@@ -18,7 +18,7 @@ use crate::transport::closure::{self, Row};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::mesh::Mesh;
 use crate::transport::oracle::Tolerances;
-use crate::transport::push_pull::Factors;
+use crate::transport::push_pull::{Factors, Gathered};
 use crate::transport::records;
 use crate::transport::refine::{Context, Counts, Receiver, Scope};
 use crate::transport::relax::{self, Inner, Member};
@@ -137,16 +137,17 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let patches = view.geometry.patches;
         let emits = |leaf: NodeName| view.materials[leaf.patch_side().index()].exitance != [0.0; 3];
         let closure = closure::rows(&receiver.mesh, &receiver.rows, emits, |leaf| {
+            let escape_rays = closure::escape_rays(emits(leaf));
             let escape = match known.get(&leaf.0) {
                 Some(stored) => f64::from(stored.measured_escape),
                 None if head.escape > 0.0 => {
                     let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
-                    closure::measure_escape(&self.scene, &node, self.settings.seed, &mut counts.rays)
+                    closure::measure_escape(&self.scene, &node, escape_rays, self.settings.seed, &mut counts.rays)
                 }
                 None => 0.0,
             };
             let complete = self.settings.scope == Scope::Everything;
-            Row { escape, unseen: f64::from(head.missing), complete, ..Row::default() }
+            Row { escape, escape_rays, unseen: f64::from(head.missing), complete, ..Row::default() }
         });
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
@@ -168,10 +169,12 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let store = LinkStore { set: self.set, clusters, new, recompute: &recompute, keep: self.settings.keep_links };
         self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
         for index in 0..members.len() {
-            let mut external = vec![Rgb::BLACK; members[index].mesh.elements.len()];
-            store.visit(index, members, |table: &SourceTable, receiver, source, form_factor| {
+            let elements = &members[index].mesh.elements;
+            let mut external = vec![Gathered::default(); elements.len()];
+            store.visit(index, members, |table: &SourceTable, receiver, source, link| {
                 if let Some(radiosity) = table.outside(source) {
-                    external[receiver] += radiosity * f64::from(form_factor);
+                    let error = closure::error(link, elements[receiver].is_leaf());
+                    external[receiver].add(radiosity, f64::from(link.form_factor), error);
                 }
             })?;
             members[index].external = external;
@@ -230,8 +233,7 @@ fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> 
 fn member(set: &WorkingSet<'_>, id: ClusterId, mesh: Mesh, closure: &[LeafClosure], first: usize) -> Result<Member> {
     let mut factors = vec![Factors::ONE; mesh.elements.len()];
     for c in closure {
-        factors[mesh.nearest(NodeName(c.leaf))] =
-            Factors { own: f64::from(c.own_factor), above: f64::from(c.above_factor) };
+        factors[mesh.nearest(NodeName(c.leaf))] = Factors::of(c);
     }
     let materials = set.mapped(id)?.view().materials.to_vec();
     Ok(Member { mesh, materials, external: Vec::new(), factors, first })

@@ -23,6 +23,9 @@ struct Rows {
     closure: Vec<LeafClosure>,
 }
 
+/// Share of what arrives that a source's unresolved light may make up at a point.
+pub const SOURCE_SHARE: f64 = 0.02;
+
 /// Clusters whose links are held: points come in runs.
 const HELD: std::num::NonZeroUsize = std::num::NonZeroUsize::new(8).expect("not 0");
 
@@ -66,7 +69,7 @@ impl<'a, 's> PointLight<'a, 's> {
         let on_plane = point - leaf.normal * leaf.height(point);
         let stored = mapped.view().light.find(leaf.name).map_or([0.0; 3], |e| e.irradiance);
         let typical_w_m2 = Rgb::from_f32(stored).max();
-        let place = gather_point::Place { point: on_plane, leaf: &leaf, typical_w_m2, closure };
+        let place = gather_point::Place { point: on_plane, leaf: &leaf, typical_w_m2, relative: SOURCE_SHARE, closure };
         let mut gathered = Gathered::default();
         let mut above = Some(leaf.name);
         while let Some(name) = above {

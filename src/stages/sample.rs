@@ -5,7 +5,7 @@ use std::io::Write;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::point_light::PointLight;
+use super::point_light::{PointLight, SOURCE_SHARE};
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{Error, Progress, Result, Rgb, lux};
@@ -36,9 +36,6 @@ pub struct Summary {
 
 /// Header of the result.
 pub const HEADER: &str = "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
-
-/// Share of the model's typical irradiance that a source's unresolved light may make up at a point.
-const SOURCE_SHARE: f64 = 0.02;
 
 /// Reads points one by one and writes a line for each, in the same order.
 pub fn execute(

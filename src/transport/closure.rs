@@ -1,9 +1,12 @@
 //! Closure: each leaf's row of form factors, the escape included, sums to at most 1.
 //!
-//! A row over 1 is scaled to 1. A row under 1 by no more than the unseen mass of its cluster plus
-//! three standard errors is scaled up to 1. A larger gap stays and is reported as unlinked. What is
-//! added or taken goes to links and escape by their variances: the escape is known from rays alone,
-//! so where all links are proved visible it gives way to them and brings no noise into the light.
+//! A row over 1 is brought to 1. A row under 1 by no more than the unseen mass of its cluster plus
+//! three standard errors is brought up to 1. A larger gap stays and is reported as unlinked.
+//!
+//! What is added or taken is shared by variances between three parts that err independently: the leaf's
+//! own links, links of elements above it (whose means err alike within a leaf: in the corner of a room all
+//! are too low), and the escape. Within a part it goes to each link by its standard error, so a lamp that
+//! is seen whole keeps its exact form factor.
 
 use super::link_rows::Link;
 use super::mesh::Mesh;
@@ -14,15 +17,18 @@ use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
 
-/// Rays that measure a leaf's escape.
-const ESCAPE_RAYS: u64 = 64;
-
-/// Share of cosine-weighted rays from all over a leaf that leave the model.
+/// Rays that measure a leaf's escape: most of the light that leaves a model comes straight from emitters.
 #[must_use]
-pub fn measure_escape(scene: &RayScene<'_>, leaf: &Node, seed: u64, rays: &mut u64) -> f64 {
+pub fn escape_rays(emits: bool) -> u64 {
+    if emits { 4096 } else { 64 }
+}
+
+/// Share of `count` cosine-weighted rays from all over a leaf that leave the model.
+#[must_use]
+pub fn measure_escape(scene: &RayScene<'_>, leaf: &Node, count: u64, seed: u64, rays: &mut u64) -> f64 {
     let sequence = Sequence::new(mix(seed ^ mix(leaf.name.0)) ^ NodeName::ESCAPE.0);
     let mut escaped = 0u64;
-    for i in 0..ESCAPE_RAYS {
+    for i in 0..count {
         let [a, b, c, d] = sequence.point(i);
         let direction = cosine_direction(leaf.normal, c, d);
         *rays += 1;
@@ -30,53 +36,65 @@ pub fn measure_escape(scene: &RayScene<'_>, leaf: &Node, seed: u64, rays: &mut u
             escaped += 1;
         }
     }
-    escaped as f64 / ESCAPE_RAYS as f64
+    escaped as f64 / count as f64
 }
 
 /// What is known of a row before closing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Row {
-    /// Form factors of the leaf's own links.
-    pub own: Part,
-    /// Form factors of links of elements above it.
-    pub above: Part,
+    /// The leaf's own links.
+    pub own: Sums,
+    /// Those of elements above it.
+    pub above: Sums,
     /// Measured form factor to the escape.
     pub escape: f64,
+    /// Rays that measured it.
+    pub escape_rays: u64,
     /// Form factor that the cluster's visibility list may miss.
     pub unseen: f64,
-    /// Whether all that is seen has been linked; only then may a row be scaled up.
+    /// Whether all that is seen has been linked; only then may a row be filled up.
     pub complete: bool,
 }
 
-/// Part of a row.
+/// Sums over links.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Part {
-    /// Sum of form factors.
-    pub sum: f64,
-    /// Its variance, from sampled visibility.
+pub struct Sums {
+    /// Of form factors.
+    pub form_factor: f64,
+    /// Of standard errors.
+    pub error: f64,
+    /// Of their squares.
     pub variance: f64,
-    /// Largest deviation within the leaf: a link's mean over an element is off by up to its spread in
-    /// a part of it.
-    pub bound: f64,
+    /// Largest error relative to its form factor: bounds what a correction may take without turning a
+    /// link negative.
+    pub steepest: f64,
 }
 
-impl Part {
-    fn with(self, link: &Link) -> Self {
-        let error = f64::from(link.uncertainty);
+impl Sums {
+    fn with(self, link: &Link, is_leafs: bool) -> Self {
+        let (form_factor, error) = (f64::from(link.form_factor), error(link, is_leafs));
+        let relative = if error > 0.0 { error / form_factor } else { 0.0 };
         Self {
-            sum: self.sum + f64::from(link.form_factor),
+            form_factor: self.form_factor + form_factor,
+            error: self.error + error,
             variance: self.variance + error * error,
-            bound: self.bound + f64::from(link.spread),
+            steepest: self.steepest.max(relative),
         }
     }
-
-    fn plus(self, other: Self) -> Self {
-        Self { sum: self.sum + other.sum, variance: self.variance + other.variance, bound: self.bound + other.bound }
-    }
 }
 
-/// Error of a form factor's own rounding and averaging, in a sum over a row.
+/// Error of a form factor's own rounding and averaging.
 const FLOOR: f64 = 1e-4;
+
+/// Standard error of a link's form factor at a leaf: from sampled visibility, and for a link of an element
+/// above the leaf (`is_leafs` false) from the mean over that element. At most the form factor itself; a
+/// link that carries nothing stays so: closing never lights a sealed place.
+#[must_use]
+pub fn error(link: &Link, is_leafs: bool) -> f64 {
+    let form_factor = f64::from(link.form_factor);
+    let half_spread = if is_leafs { 0.0 } else { 0.5 * f64::from(link.spread) };
+    (f64::from(link.uncertainty) + FLOOR * form_factor + half_spread).min(form_factor)
+}
 
 /// Closes the rows of all leaves of a mesh that see anything or emit (`emits`: their light may leave the
 /// model though none arrives); `measured` gives a leaf's escape, unseen mass and completeness.
@@ -87,17 +105,17 @@ pub fn rows(
     emits: impl Fn(NodeName) -> bool,
     mut measured: impl FnMut(NodeName) -> Row,
 ) -> Vec<LeafClosure> {
-    let mut above = vec![Part::default(); mesh.elements.len()];
+    let mut above = vec![Sums::default(); mesh.elements.len()];
     let mut out = Vec::new();
     for (at, element) in mesh.elements.iter().enumerate() {
-        let own = links[at].iter().fold(Part::default(), |part, link| part.with(link));
         if !element.is_leaf() {
             let first = element.first_child as usize;
-            let down = above[at].plus(own);
+            let down = links[at].iter().fold(above[at], |sum, link| sum.with(link, false));
             above[first..first + 4].fill(down);
-        } else if own.sum + above[at].sum > 0.0 || emits(element.name) {
-            // The mean over the leaf itself is what its own links are for.
-            let own = Part { bound: 0.0, ..own };
+            continue;
+        }
+        let own = links[at].iter().fold(Sums::default(), |sum, link| sum.with(link, true));
+        if own.form_factor + above[at].form_factor > 0.0 || emits(element.name) {
             out.push(close(element.name, &Row { own, above: above[at], ..measured(element.name) }));
         }
     }
@@ -108,59 +126,121 @@ pub fn rows(
 /// Closes a leaf's row.
 #[must_use]
 pub fn close(leaf: NodeName, row: &Row) -> LeafClosure {
-    let variance = |part: &Part| {
-        let half_bound = 0.5 * part.bound;
-        let floor = FLOOR * part.sum;
-        part.variance + half_bound * half_bound + floor * floor
-    };
-    let (own, above) = (variance(&row.own), variance(&row.above));
-    let doubt = (row.escape * (1.0 - row.escape)).max(0.25 / ESCAPE_RAYS as f64) / ESCAPE_RAYS as f64;
-    let out = if row.escape > 0.0 { doubt } else { 0.0 };
-    let sum = row.own.sum + row.above.sum;
+    let rays = row.escape_rays.max(1) as f64;
+    let doubt = (row.escape * (1.0 - row.escape)).max(0.25 / rays) / rays;
+    let escape_error = if row.escape > 0.0 { doubt.sqrt().min(row.escape) } else { 0.0 };
+    let sum = row.own.form_factor + row.above.form_factor;
     let gap = 1.0 - sum - row.escape;
-    let allowed = row.unseen + row.own.bound + row.above.bound + 3.0 * (own + above + out).sqrt();
-    let mut closed = Closed { own: row.own.sum, above: row.above.sum, escape: row.escape };
-    if gap < 0.0 || (row.complete && gap <= allowed) {
-        closed = closed.share(gap, [own, above, out], if gap > 0.0 { row.unseen } else { 0.0 });
-    }
-    let factor = |after: f64, before: f64| if before > 0.0 { after / before } else { 1.0 };
-    let unlinked = if row.complete { (1.0 - closed.own - closed.above - closed.escape).max(0.0) } else { 0.0 };
+    let errors = row.own.error + row.above.error + escape_error;
+    let parts = Parts::of(row, escape_error);
+    let parts = if gap < 0.0 {
+        parts.without(-gap)
+    } else if row.complete && gap <= row.unseen + 3.0 * errors {
+        parts.with(gap, row.unseen)
+    } else {
+        parts
+    };
+    let [own, above, out] = parts.map_to_sums();
+    let unlinked = if row.complete { (1.0 - own - above - out).max(0.0) } else { 0.0 };
     LeafClosure {
         leaf: leaf.0,
-        own_factor: factor(closed.own, row.own.sum) as f32,
-        above_factor: factor(closed.above, row.above.sum) as f32,
-        escape: closed.escape as f32,
+        own_scale: parts.0[0].scale as f32,
+        own_correction: parts.0[0].correction as f32,
+        above_scale: parts.0[1].scale as f32,
+        above_correction: parts.0[1].correction as f32,
+        escape: out as f32,
         unlinked: unlinked as f32,
-        own_sum: row.own.sum as f32,
-        above_sum: row.above.sum as f32,
+        closed_sum: (own + above) as f32,
         measured_escape: row.escape as f32,
-        error: (own + above).sqrt() as f32,
     }
 }
 
-/// The three parts of a row while it is closed.
-struct Closed {
-    own: f64,
-    above: f64,
-    escape: f64,
+/// A part of a row while it is closed: a form factor becomes `scale` times itself plus `correction` times
+/// its own standard error.
+#[derive(Clone, Copy)]
+struct Part {
+    sums: Sums,
+    /// Variance of the part's sum.
+    variance: f64,
+    scale: f64,
+    correction: f64,
 }
 
-impl Closed {
-    /// Adds a gap (or takes an excess) by variances; what lists may miss goes to links by their sums.
-    fn share(self, gap: f64, variances: [f64; 3], unseen: f64) -> Self {
-        let links = self.own + self.above;
-        let missed = unseen * unseen / links.max(f64::MIN_POSITIVE);
-        let weights = [variances[0] + missed * self.own, variances[1] + missed * self.above, variances[2]];
-        let total: f64 = weights.iter().sum();
-        let part = |i: usize| gap * weights[i] / total;
-        let shared = Self { own: self.own + part(0), above: self.above + part(1), escape: self.escape + part(2) };
-        if shared.own >= 0.0 && shared.above >= 0.0 && shared.escape >= 0.0 {
-            return shared;
+impl Part {
+    fn new(sums: Sums, variance: f64) -> Self {
+        Self { sums, variance, scale: 1.0, correction: 0.0 }
+    }
+
+    /// Adds to the part by errors.
+    fn plus(self, amount: f64) -> Self {
+        let correction = if self.sums.error > 0.0 { amount / self.sums.error } else { 0.0 };
+        Self { correction, ..self }
+    }
+
+    /// Takes from the part (no more than it holds): by errors until a link has nothing more to give, the
+    /// rest from all alike.
+    fn minus(self, amount: f64) -> Self {
+        let by_errors = if self.sums.steepest > 0.0 { amount.min(self.sums.error / self.sums.steepest) } else { 0.0 };
+        let left = self.sums.form_factor - by_errors;
+        let scale = if left > 0.0 { ((self.sums.form_factor - amount) / left).max(0.0) } else { 1.0 };
+        Self { scale, ..self.plus(-by_errors * scale) }
+    }
+
+    fn sum(&self) -> f64 {
+        self.scale * self.sums.form_factor + self.correction * self.sums.error
+    }
+}
+
+/// What may give and take: the leaf's own links, those above, the escape.
+#[derive(Clone, Copy)]
+struct Parts([Part; 3]);
+
+impl Parts {
+    fn of(row: &Row, escape_error: f64) -> Self {
+        let relative = if row.escape > 0.0 { escape_error / row.escape } else { 0.0 };
+        let variance = escape_error * escape_error;
+        let escape = Sums { form_factor: row.escape, error: escape_error, variance, steepest: relative };
+        Self([
+            Part::new(row.own, row.own.variance),
+            Part::new(row.above, row.above.error * row.above.error),
+            Part::new(escape, variance),
+        ])
+    }
+
+    fn map_to_sums(&self) -> [f64; 3] {
+        self.0.map(|part| part.sum())
+    }
+
+    /// Fills a gap; what lists may miss (`unseen`) counts as an error of all form factors alike.
+    fn with(self, gap: f64, unseen: f64) -> Self {
+        let sum: f64 = self.0.iter().map(|p| p.sums.form_factor).sum();
+        let missed = if sum > 0.0 { unseen * unseen } else { 0.0 };
+        let total = self.0.iter().map(|p| p.variance).sum::<f64>() + missed;
+        if total <= 0.0 {
+            return self;
         }
-        // An excess larger than the part that is least sure: all shrink alike.
-        let whole = links + self.escape;
-        let scale = (whole + gap) / whole;
-        Self { own: self.own * scale, above: self.above * scale, escape: self.escape * scale }
+        let scale = 1.0 + gap * missed / total / sum.max(f64::MIN_POSITIVE);
+        Self(self.0.map(|part| Part { scale, ..part.plus(gap * part.variance / total) }))
+    }
+
+    /// Takes an excess by variances, from no part more than it holds.
+    fn without(self, excess: f64) -> Self {
+        let mut taken = [0.0; 3];
+        // A part that runs out leaves its share to the others: at most one more runs out each time.
+        for _ in 0..3 {
+            let left = excess - taken.iter().sum::<f64>();
+            let open = |i: &usize| taken[*i] < self.0[*i].sums.form_factor;
+            let total: f64 = (0..3).filter(open).map(|i| self.0[i].variance.max(f64::MIN_POSITIVE)).sum();
+            if left <= 0.0 || total <= 0.0 {
+                break;
+            }
+            taken = std::array::from_fn(|i| {
+                let part = &self.0[i];
+                let share = left * part.variance.max(f64::MIN_POSITIVE) / total;
+                if open(&i) { (taken[i] + share).min(part.sums.form_factor) } else { taken[i] }
+            });
+        }
+        Self(std::array::from_fn(|i| self.0[i].minus(taken[i])))
     }
 }
 
@@ -173,44 +253,75 @@ mod tests {
         close(NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 }), &row)
     }
 
-    fn part(sum: f64) -> Part {
-        Part { sum, ..Part::default() }
+    fn links(form_factor: f64, error: f64) -> Sums {
+        Sums { form_factor, error, variance: error * error, steepest: error / form_factor }
     }
 
     #[test]
-    fn rows_over_one_are_scaled_down_and_small_gaps_up() {
-        let over = closed(Row { own: part(1.25), complete: true, ..Row::default() });
-        assert!((f64::from(over.own_factor) - 0.8).abs() < 1e-6, "{over:?}");
-        let under = closed(Row { own: part(0.996), unseen: 0.005, complete: true, ..Row::default() });
-        assert!((f64::from(under.own_factor) * 0.996 - 1.0).abs() < 1e-6, "{under:?}");
+    fn rows_over_one_are_brought_down_and_small_gaps_filled() {
+        let over = closed(Row { own: links(1.25, 0.0), complete: true, ..Row::default() });
+        assert!((f64::from(over.own_scale) - 0.8).abs() < 1e-6, "{over:?}");
+        let over = closed(Row { own: links(1.25, 0.5), complete: true, ..Row::default() });
+        assert!((f64::from(over.closed_sum) - 1.0).abs() < 1e-6 && over.own_scale == 1.0, "{over:?}");
+        let under = closed(Row { own: links(0.996, 0.0), unseen: 0.005, complete: true, ..Row::default() });
+        assert!((f64::from(under.closed_sum) - 1.0).abs() < 1e-6, "{under:?}");
     }
 
     #[test]
     fn a_large_gap_stays_and_is_reported() {
-        let own = Part { variance: 1e-4, ..part(0.7) };
-        let gap = closed(Row { own, unseen: 0.005, complete: true, ..Row::default() });
-        assert_eq!(gap.own_factor, 1.0);
+        let gap = closed(Row { own: links(0.7, 0.01), unseen: 0.005, complete: true, ..Row::default() });
+        assert_eq!((gap.own_scale, gap.own_correction), (1.0, 0.0));
         assert!((gap.unlinked - 0.3).abs() < 1e-6, "{gap:?}");
     }
 
     #[test]
     fn the_escape_gives_way_to_links_that_are_sure() {
-        let row = closed(Row { own: part(0.6), escape: 0.37, complete: true, ..Row::default() });
-        assert!((row.own_factor - 1.0).abs() < 1e-3, "{row:?}");
-        assert!((f64::from(row.escape) - 0.4).abs() < 1e-3, "{row:?}");
+        let row = closed(Row { own: links(0.6, 0.0), escape: 0.37, escape_rays: 64, complete: true, ..Row::default() });
+        assert_eq!((row.own_scale, row.closed_sum), (1.0, 0.6));
+        assert!((f64::from(row.escape) - 0.4).abs() < 1e-6, "{row:?}");
     }
 
     #[test]
     fn links_from_above_give_way_to_the_leafs_own() {
-        let above = Part { bound: 0.1, ..part(0.5) };
-        let row = closed(Row { own: part(0.6), above, complete: true, ..Row::default() });
-        assert!((row.own_factor - 1.0).abs() < 1e-4, "{row:?}");
-        assert!((f64::from(row.above_factor) * 0.5 - 0.4).abs() < 1e-4, "{row:?}");
+        let row = closed(Row { own: links(0.6, 0.001), above: links(0.5, 0.1), complete: true, ..Row::default() });
+        assert!((f64::from(row.closed_sum) - 1.0).abs() < 1e-6, "{row:?}");
+        assert!(f64::from(row.own_correction) * 0.001 > -2e-5, "{row:?}");
+        assert!((f64::from(row.above_correction) * 0.1 + 0.1).abs() < 1e-4, "{row:?}");
+    }
+
+    #[test]
+    fn no_link_turns_negative_however_large_the_excess() {
+        // One sure link of 1.2 and a doubtful one of 0.3, which cannot give more than itself.
+        let sums = Sums { form_factor: 1.5, error: 0.2, variance: 0.04, steepest: 0.2 / 0.3 };
+        let row = closed(Row { own: sums, complete: true, ..Row::default() });
+        assert!((f64::from(row.closed_sum) - 1.0).abs() < 1e-6, "{row:?}");
+        let doubtful = f64::from(row.own_scale) * 0.3 + f64::from(row.own_correction) * 0.2;
+        assert!(doubtful > -1e-7, "{doubtful}");
+    }
+
+    #[test]
+    fn sure_links_keep_their_form_factors_and_doubtful_ones_give_way() {
+        let link = |form_factor: f32, uncertainty: f32| Link {
+            source: NodeName::root(ClusterId(1), PatchSide { patch: 0, side: 0 }),
+            form_factor,
+            spread: 0.0,
+            uncertainty,
+            class: crate::model::links::Visibility::Partial,
+        };
+        let (sure, doubtful, nothing) = (link(0.5, 0.0), link(0.52, 0.05), link(0.0, 0.05));
+        let own = [&sure, &doubtful, &nothing].iter().fold(Sums::default(), |s, l| s.with(l, true));
+        let row = closed(Row { own, complete: true, ..Row::default() });
+        let after = |l: &Link| {
+            f64::from(row.own_scale) * f64::from(l.form_factor) + f64::from(row.own_correction) * error(l, true)
+        };
+        assert!((after(&sure) - 0.5).abs() < 1e-4, "{row:?}");
+        assert!((after(&doubtful) - 0.5).abs() < 1e-4, "{row:?}");
+        assert_eq!(after(&nothing), 0.0, "what carries nothing is never lit");
     }
 
     #[test]
     fn an_unlit_row_stays_zero() {
         let row = closed(Row { unseen: 1.0, complete: true, ..Row::default() });
-        assert_eq!((row.own_factor, row.own_sum), (1.0, 0.0));
+        assert_eq!((row.own_scale, row.closed_sum), (1.0, 0.0));
     }
 }

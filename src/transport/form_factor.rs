@@ -71,7 +71,7 @@ pub struct Average {
 
 /// What a receiver point sees of the source: 0 behind the source's plane.
 #[inline]
-fn at_point(point: DVec3, normal: DVec3, source: &Polygon, source_normal: DVec3) -> f64 {
+pub(super) fn at_point(point: DVec3, normal: DVec3, source: &Polygon, source_normal: DVec3) -> f64 {
     if source_normal.dot(point - source.corners()[0]) <= 0.0 {
         return 0.0;
     }

@@ -7,6 +7,8 @@ use super::form_factor;
 use super::link_rows::Link;
 use super::source::ClusterView;
 use crate::base::Rgb;
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
@@ -22,6 +24,8 @@ pub struct Place<'a> {
     /// Largest channel of the leaf's irradiance, W/m2: rows are closed, so an error in the share of a
     /// dark source is made up by all others.
     pub typical_w_m2: f64,
+    /// Share of that which errors of a source's visibility may come to.
+    pub relative: f64,
     /// How its row was closed.
     pub closure: Option<&'a LeafClosure>,
 }
@@ -33,13 +37,41 @@ pub struct Gathered {
     pub irradiance: Rgb,
     /// Sum of form factors.
     pub row_sum: f64,
+    /// The same two with each source's standard error in place of its form factor.
+    doubtful_irradiance: Rgb,
+    doubt: f64,
+    /// Largest error relative to its form factor.
+    steepest: f64,
 }
+
+impl Gathered {
+    fn add(&mut self, radiosity: Rgb, seen: Seen) {
+        self.irradiance += radiosity * seen.form_factor;
+        self.row_sum += seen.form_factor;
+        if seen.form_factor > 0.0 {
+            let error = seen.error.min(seen.form_factor);
+            self.doubtful_irradiance += radiosity * error;
+            self.doubt += error;
+            self.steepest = self.steepest.max(error / seen.form_factor);
+        }
+    }
+}
+
+/// Irradiance error of one source's visibility that does not matter, relative to `allowed`.
+const POINT_SHARE: f64 = 0.1;
+
+/// Rays to a part of a source whose visibility is partial, and how often it may be quartered.
+const RAYS: u64 = 16;
+const MOST_DEPTH: u32 = 5;
+
+/// Share that n agreeing rays may have missed, times n.
+const UNANIMOUS: f64 = 0.15;
+
+/// Relative error of a point's form factor to a polygon that it sees whole.
+const FLOOR: f64 = 1e-6;
 
 /// What a source that is cut may leave of the error allowed.
 const CUT_SHARE: f64 = 0.02;
-
-/// Rays from a point to one source whose visibility is partial: at least, at most.
-const RAYS: (u64, u64) = (16, 1024);
 
 /// Adds what arrives over one link of an element that holds the place. Sources whose light varies
 /// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
@@ -88,54 +120,127 @@ fn add_source(
         }
         return;
     }
-    let share = if cut {
-        let importance = open * (source.radiosity.max() + place.typical_w_m2) / allowed.max(f64::MIN_POSITIVE);
-        visible_share(scene, place, s, importance, rays)
+    let seen = if cut {
+        // A dim place asks for more than a typical one, to a point.
+        let allowed = POINT_SHARE * (place.relative * place.typical_w_m2).clamp(0.1 * allowed, allowed);
+        let part = Part { shape: s.shape, open, depth: 0, allowed };
+        let view = View {
+            scene,
+            place,
+            s,
+            region: Region::of(scene, s),
+            strength_w_m2: source.radiosity.max() + place.typical_w_m2,
+        };
+        view.seen(&part, rays)
     } else {
-        1.0
+        Seen { form_factor: open, error: FLOOR * open }
     };
-    gathered.irradiance += source.radiosity * (open * share);
-    gathered.row_sum += open * share;
+    gathered.add(source.radiosity, seen);
 }
 
-/// Share of the source that the point sees, weighted by the kernel.
-fn visible_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Node, importance: f64, rays: &mut u64) -> f64 {
-    let count = (importance * importance).clamp(RAYS.0 as f64, RAYS.1 as f64) as u64;
-    let p = place.point;
-    let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
-    let sequence = Sequence::new(mix(s.name.0) ^ bits);
-    let region = Region::of(scene, s);
-    let softening = 2e-3 * s.shape.area();
-    let (mut all, mut visible) = (0.0, 0.0);
-    for index in 0..count {
-        let [_, _, c, d] = sequence.point(index);
-        let to = s.shape.point(c, d);
-        let along = to - p;
-        let (cos_r, cos_s) = (place.leaf.normal.dot(along), -s.normal.dot(along));
-        if cos_r <= 0.0 || cos_s <= 0.0 {
-            continue;
+/// Form factor of the visible part of a source, and its standard error.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    form_factor: f64,
+    error: f64,
+}
+
+/// Part of a source.
+struct Part {
+    shape: Polygon,
+    /// Its form factor from the place, occlusion left out.
+    open: f64,
+    depth: u32,
+    /// Irradiance error that does not matter, W/m2.
+    allowed: f64,
+}
+
+/// A source from a place.
+struct View<'a> {
+    scene: &'a RayScene<'a>,
+    place: &'a Place<'a>,
+    s: &'a Node,
+    region: Option<Region>,
+    /// How strongly errors of the form factor act, W/m2.
+    strength_w_m2: f64,
+}
+
+impl View<'_> {
+    /// Casts rays to a part; where only some arrive, to its quarters, so that in the end they tell
+    /// where the edge of the shadow runs.
+    fn seen(&self, part: &Part, rays: &mut u64) -> Seen {
+        let (share, error) = self.visible_share(part, rays);
+        let doubt = part.open * error * self.strength_w_m2;
+        if part.depth == MOST_DEPTH || doubt <= part.allowed {
+            return Seen { form_factor: part.open * share, error: part.open * (error + FLOOR) };
         }
-        let distance_squared = along.length_squared();
-        let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
-        all += weight;
-        *rays += 1;
-        if region.is_none_or(|g| g.holds(scene, to)) && !scene.blocked(p, to, &place.leaf.end, &s.end) {
-            visible += weight;
+        let (mut sum, mut variance) = (0.0, 0.0);
+        for quarter in 0..4 {
+            let shape = quadtree::child(&part.shape, quarter);
+            let open = form_factor::point_to_polygon(self.place.point, self.place.leaf.normal, &shape);
+            if open > 0.0 {
+                // The edge runs through about twice as many parts a level, whose errors add as variances.
+                let allowed = part.allowed * std::f64::consts::FRAC_1_SQRT_2;
+                let seen = self.seen(&Part { shape, open, depth: part.depth + 1, allowed }, rays);
+                sum += seen.form_factor;
+                variance += seen.error * seen.error;
+            }
         }
+        Seen { form_factor: sum, error: variance.sqrt() }
     }
-    if all > 0.0 { visible / all } else { 0.0 }
+
+    /// Share of a part that the place sees, weighted by the kernel, and its standard error.
+    fn visible_share(&self, part: &Part, rays: &mut u64) -> (f64, f64) {
+        let p = self.place.point;
+        let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
+        let corner = part.shape.corners()[0];
+        let of_part = mix(corner.x.to_bits() ^ mix(corner.y.to_bits() ^ mix(corner.z.to_bits())));
+        let sequence = Sequence::new(mix(self.s.name.0 ^ of_part) ^ bits);
+        let softening = 2e-3 * part.shape.area();
+        let (mut all, mut squares, mut visible) = (0.0, 0.0, 0.0);
+        for index in 0..RAYS {
+            let [_, _, c, d] = sequence.point(index);
+            let to = part.shape.point(c, d);
+            let along = to - p;
+            let (cos_r, cos_s) = (self.place.leaf.normal.dot(along), -self.s.normal.dot(along));
+            if cos_r <= 0.0 || cos_s <= 0.0 {
+                continue;
+            }
+            let distance_squared = along.length_squared();
+            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
+            all += weight;
+            squares += weight * weight;
+            *rays += 1;
+            let holds = self.region.is_none_or(|g| g.holds(self.scene, to));
+            if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end) {
+                visible += weight;
+            }
+        }
+        if all == 0.0 {
+            return (0.0, 0.0);
+        }
+        let (share, effective) = (visible / all, all * all / squares);
+        (share, (share * (1.0 - share) / effective).sqrt().max(UNANIMOUS / (effective + 1.0)))
+    }
 }
 
 /// Irradiance at the place, its row closed as its leaf's was.
 ///
 /// The point's links are all evaluated at the point: what is off is sampled visibility and what lists
 /// miss. Where the leaf's row fills the hemisphere the point's must too; elsewhere only a row over 1
-/// is certainly wrong.
+/// is certainly wrong. What is added or taken goes to each source by its doubt.
 #[must_use]
 pub fn finish(place: &Place<'_>, gathered: &Gathered) -> Rgb {
-    let full = place.closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.own_sum + c.above_sum > 0.8);
-    if gathered.row_sum > 1.0 || (full && gathered.row_sum > 0.8) {
-        return gathered.irradiance * (1.0 / gathered.row_sum);
+    let full = place.closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);
+    let wrong = gathered.row_sum > 1.0 || (full && gathered.row_sum > 0.8);
+    if !wrong {
+        return gathered.irradiance;
     }
-    gathered.irradiance
+    let gap = 1.0 - gathered.row_sum;
+    // No further than three times the doubt, nor so far that a source turns negative.
+    let most = if gap < 0.0 { 1.0 / gathered.steepest.max(1.0 / 3.0) } else { 3.0 };
+    let correction = if gathered.doubt > 0.0 { (gap / gathered.doubt).clamp(-most, most) } else { 0.0 };
+    let row_sum = gathered.row_sum + correction * gathered.doubt;
+    let irradiance = gathered.irradiance + gathered.doubtful_irradiance * correction;
+    irradiance * (1.0 / row_sum)
 }

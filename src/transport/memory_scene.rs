@@ -10,12 +10,12 @@ use super::closure::{self, Row};
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::Tolerances;
-use super::push_pull::Factors;
+use super::push_pull::{Factors, Gathered};
 use super::records;
 use super::refine::{Context, Counts, Receiver, Scope};
 use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
 use super::source::{ClusterView, Clusters, Loaded};
-use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result, Rgb};
+use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
 use crate::model::geometry::{ClusterHead, GeometryView, PatchRecord, SideMaterial};
 use crate::model::light::LightView;
@@ -155,9 +155,18 @@ impl MemoryScene {
                 |leaf| {
                     let patch = &own.patches[usize::from(leaf.patch_side().patch)];
                     let node = Node::at(ClusterId(i as u32), patch, leaf);
-                    let escape =
-                        if open { closure::measure_escape(&context.scene, &node, 1, &mut counts.rays) } else { 0.0 };
-                    Row { escape, unseen: 1e-3, complete: scope == Scope::Everything, ..Row::default() }
+                    let escape = if open {
+                        closure::measure_escape(&context.scene, &node, 64, 1, &mut counts.rays)
+                    } else {
+                        0.0
+                    };
+                    Row {
+                        escape,
+                        escape_rays: 64,
+                        unseen: 1e-3,
+                        complete: scope == Scope::Everything,
+                        ..Row::default()
+                    }
                 },
             );
             self.counts.evaluated += counts.evaluated;
@@ -166,15 +175,14 @@ impl MemoryScene {
             let (mesh, rows) = (receiver.mesh, receiver.rows);
             let mut factors = vec![Factors::ONE; mesh.elements.len()];
             for c in &closure {
-                factors[mesh.nearest(NodeName(c.leaf))] =
-                    Factors { own: f64::from(c.own_factor), above: f64::from(c.above_factor) };
+                factors[mesh.nearest(NodeName(c.leaf))] = Factors::of(c);
             }
             *slot = mesh.elements.iter().map(|e| e.name).zip(rows).collect();
             let length = mesh.elements.len();
             members.push(Member {
                 mesh,
                 materials: own.materials.clone(),
-                external: vec![Rgb::BLACK; length],
+                external: vec![Gathered::default(); length],
                 factors,
                 first,
             });
@@ -223,7 +231,9 @@ impl InnerLinks for AllLinks<'_> {
             for link in row {
                 let member = &members[link.source.cluster().0 as usize];
                 let source = (member.first + member.mesh.nearest(link.source)) as u32;
-                list.push(InnerLink { receiver, source, form_factor: link.form_factor });
+                let is_leafs = members[index].mesh.elements[receiver as usize].is_leaf();
+                let error = closure::error(link, is_leafs) as f32;
+                list.push(InnerLink { receiver, source, form_factor: link.form_factor, error });
             }
         }
         Ok(Rc::new(list))

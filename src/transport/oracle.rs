@@ -28,6 +28,8 @@ impl Tolerances {
 pub enum Verdict {
     /// Keep it.
     Keep,
+    /// Keep it, but let no light pass: too little to be worth finding out where it belongs.
+    Withhold,
     /// Link the receiver's children instead.
     SplitReceiver,
     /// Link to the source's children instead.
@@ -71,24 +73,30 @@ pub fn can_split(case: &Case, tolerances: &Tolerances, excess: f64) -> bool {
 /// Share of a row's error below which no light is worth following through a cut element.
 const NEGLIGIBLE: f64 = 1e-4;
 
+/// Factor on errors from a source's spread, which do not average out over a row as others do: what is near
+/// is linked finely and lies in dim corners, what is far coarsely and misses the bright middles.
+pub const SOURCE_SIGN: f64 = 5.0;
+
 /// Judges a link: errors in radiosity and in flux must both exceed what is allowed before it is split.
 #[must_use]
 pub fn judge(sight: &Sight, strength: f64, source: &SourceLight, case: &Case, tolerances: &Tolerances) -> Verdict {
-    // Light must not get into a sealed place by a mean over what lies inside and outside of it.
-    let reaches = (sight.form_factor + sight.uncertainty) * strength > NEGLIGIBLE * tolerances.row_w_m2;
-    if case.may_be_sealed && source.divided && reaches {
-        return Verdict::SplitSource;
+    // Light must not get into a sealed place by a mean over what lies inside and outside of it, nor by
+    // a mean over parts of the receiver that see the source and parts that do not. What is not worth
+    // following is left out, however little it is.
+    let most = (sight.form_factor + sight.uncertainty).max(sight.withheld());
+    let is_negligible = most * strength <= NEGLIGIBLE * tolerances.row_w_m2;
+    if case.may_be_sealed && source.divided && most > 0.0 {
+        return if is_negligible { Verdict::Withhold } else { Verdict::SplitSource };
     }
-    // Nor by a mean over parts of the receiver that see the source and parts that do not.
     let in_part = sight.class == Visibility::Partial || sight.spread >= 0.99 * sight.form_factor;
     let levels_left = case.receiver_has_levels && 0.5 * case.receiver_edge_m >= tolerances.min_element_m;
-    if case.receiver_is_cut && in_part && reaches && levels_left {
-        return Verdict::SplitReceiver;
+    if case.receiver_is_cut && in_part && levels_left && most > 0.0 {
+        return if is_negligible { Verdict::Withhold } else { Verdict::SplitReceiver };
     }
     let allowed = tolerances.of_link(sight.form_factor + sight.uncertainty);
     // Over a receiver the deviation from the mean is about half its largest on average.
     let receiver_error = (0.5 * sight.spread + sight.uncertainty) * strength;
-    let source_error = sight.form_factor * source.spread * case.source_variation;
+    let source_error = SOURCE_SIGN * sight.form_factor * source.spread * case.source_variation;
     if receiver_error + source_error <= allowed {
         return Verdict::Keep;
     }

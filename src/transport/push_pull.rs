@@ -2,34 +2,77 @@
 
 use super::mesh::Mesh;
 use crate::base::Rgb;
+use crate::model::links::LeafClosure;
 
-/// What a leaf's own links and those above it are multiplied by.
+/// How a leaf's row is closed: see [`super::closure`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Factors {
-    /// For the leaf's own links.
-    pub own: f64,
-    /// For links of elements above it.
-    pub above: f64,
+    /// What the form factors of the leaf's own links are multiplied by.
+    pub own_scale: f64,
+    /// What their standard errors are multiplied by, to be added.
+    pub own_correction: f64,
+    /// What the form factors of links of elements above it are multiplied by.
+    pub above_scale: f64,
+    /// What their standard errors are multiplied by, to be added.
+    pub above_correction: f64,
 }
 
 impl Factors {
     /// Nothing to close.
-    pub const ONE: Self = Self { own: 1.0, above: 1.0 };
+    pub const ONE: Self = Self { own_scale: 1.0, own_correction: 0.0, above_scale: 1.0, above_correction: 0.0 };
+
+    /// As stored.
+    #[must_use]
+    pub fn of(closure: &LeafClosure) -> Self {
+        Self {
+            own_scale: f64::from(closure.own_scale),
+            own_correction: f64::from(closure.own_correction),
+            above_scale: f64::from(closure.above_scale),
+            above_correction: f64::from(closure.above_correction),
+        }
+    }
 }
 
-/// Sets every element's irradiance from what each gathered over its own links (`gathered`, W/m2, by
-/// position in the mesh) and each leaf's closing factors. Keeps power: a parent's irradiance is the
-/// area-weighted mean of its children's.
-pub fn push_pull(mesh: &mut Mesh, gathered: &[Rgb], factors: &[Factors]) {
-    let mut above = vec![Rgb::BLACK; mesh.elements.len()];
+/// What an element gathered over its own links, W/m2.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gathered {
+    /// Sum of form factors times radiosities.
+    pub light: Rgb,
+    /// Sum of the form factors' standard errors times radiosities.
+    pub doubt: Rgb,
+}
+
+impl Gathered {
+    /// Adds a link's light.
+    pub fn add(&mut self, radiosity: Rgb, form_factor: f64, error: f64) {
+        self.light += radiosity * form_factor;
+        self.doubt += radiosity * error;
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self { light: self.light + other.light, doubt: self.doubt + other.doubt }
+    }
+}
+
+/// Sets every element's irradiance from what each gathered over its own links (by position in the mesh)
+/// and each leaf's closing factors. Keeps power: a parent's irradiance is the area-weighted mean of its
+/// children's.
+pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
+    let mut above = vec![Gathered::default(); mesh.elements.len()];
     // Children lie behind their parents: one pass down, one up.
     for at in 0..mesh.elements.len() {
         let element = &mut mesh.elements[at];
         if element.is_leaf() {
-            element.set_irradiance(gathered[at] * factors[at].own + above[at] * factors[at].above);
+            let (own, above, by) = (&gathered[at], &above[at], &factors[at]);
+            let closed = own.light * by.own_scale
+                + own.doubt * by.own_correction
+                + above.light * by.above_scale
+                + above.doubt * by.above_correction;
+            // No link turns negative, so this is rounding alone.
+            element.set_irradiance(Rgb(closed.0.map(|x| x.max(0.0))));
         } else {
             let first = element.first_child as usize;
-            let down = above[at] + gathered[at];
+            let down = above[at].plus(gathered[at]);
             above[first..first + 4].fill(down);
         }
     }

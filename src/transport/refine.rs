@@ -180,12 +180,7 @@ impl<'a> Receiver<'a> {
         known: Visibility,
     ) {
         let source = source_view.source(s.name);
-        if self.cut[at].is_none() {
-            // What nothing cuts has no cut children.
-            let above = self.mesh.elements[at].parent;
-            let possible = above == NONE || self.cut[above as usize] != Some(false);
-            self.cut[at] = Some(possible && region::is_cut(&context.scene, r));
-        }
+        self.find_out_whether_cut(context, at, r);
         let strength = self.strength(at, source.radiosity);
         let may_be_sealed = self.is_dim(at, source.radiosity) && region::is_cut(&context.scene, s);
         let case = Case { may_be_sealed, ..self.case(at, r, s, Visibility::Partial) };
@@ -200,16 +195,8 @@ impl<'a> Receiver<'a> {
         self.counts.evaluated += 1;
         let case = Case { source_variation: variation(r, s, found.class), ..case };
         match oracle::judge(&found, strength, &source, &case, &context.tolerances) {
-            Verdict::Keep => {
-                self.rows[at].push(Link {
-                    source: s.name,
-                    form_factor: found.form_factor as f32,
-                    spread: found.spread as f32,
-                    uncertainty: found.uncertainty as f32,
-                    class: found.class,
-                });
-                self.changed[at] = true;
-            }
+            Verdict::Keep => self.keep(at, s.name, &found),
+            Verdict::Withhold => self.keep(at, s.name, &found.without_light()),
             Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, found.class),
             Verdict::SplitSource => {
                 for quarter in 0..4 {
@@ -217,6 +204,26 @@ impl<'a> Receiver<'a> {
                 }
             }
         }
+    }
+
+    fn find_out_whether_cut(&mut self, context: &Context<'_>, at: usize, r: &Node) {
+        if self.cut[at].is_none() {
+            // What nothing cuts has no cut children.
+            let above = self.mesh.elements[at].parent;
+            let possible = above == NONE || self.cut[above as usize] != Some(false);
+            self.cut[at] = Some(possible && region::is_cut(&context.scene, r));
+        }
+    }
+
+    fn keep(&mut self, at: usize, source: NodeName, sight: &Sight) {
+        self.rows[at].push(Link {
+            source,
+            form_factor: sight.form_factor as f32,
+            spread: sight.spread as f32,
+            uncertainty: sight.uncertainty as f32,
+            class: sight.class,
+        });
+        self.changed[at] = true;
     }
 
     fn link_children(
@@ -282,7 +289,8 @@ impl<'a> Receiver<'a> {
                 let loaded = context.clusters.cluster(link.source.cluster())?;
                 let view = loaded.view();
                 let verdict = self.test(context, &view, at, &r, &link);
-                if verdict == Verdict::Keep {
+                let is_withheld = link.form_factor == 0.0;
+                if verdict == Verdict::Keep || (verdict == Verdict::Withhold && is_withheld) {
                     self.counts.reused += 1;
                     kept.push(link);
                     continue;
@@ -291,11 +299,12 @@ impl<'a> Receiver<'a> {
                 let s = node(&view, link.source);
                 match verdict {
                     Verdict::SplitReceiver => self.link_children(context, &view, at, &r, &s, link.class),
-                    _ => {
+                    Verdict::SplitSource => {
                         for quarter in 0..4 {
                             self.link(context, &view, at, &r, &s.child(quarter), link.class);
                         }
                     }
+                    Verdict::Keep | Verdict::Withhold => self.keep(at, link.source, &sight_of(&link).without_light()),
                 }
             }
             // New links of this row went in while it was out.
@@ -305,21 +314,16 @@ impl<'a> Receiver<'a> {
         Ok(())
     }
 
-    fn test(&self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, link: &Link) -> Verdict {
+    fn test(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, link: &Link) -> Verdict {
         if link.class == Visibility::Hidden {
             return Verdict::Keep;
         }
         let source = view.source(link.source);
         let strength = self.strength(at, source.radiosity);
-        let sight = Sight {
-            form_factor: f64::from(link.form_factor),
-            spread: f64::from(link.spread),
-            uncertainty: f64::from(link.uncertainty),
-            class: link.class,
-        };
+        let sight = sight_of(link);
         // The cheap bound first: shapes are needed only where it does not do.
-        let bound =
-            (0.5 * sight.spread + sight.uncertainty) * strength + sight.form_factor * source.spread * PARTIAL_VARIATION;
+        let bound = (0.5 * sight.spread + sight.uncertainty) * strength
+            + oracle::SOURCE_SIGN * sight.form_factor * source.spread * PARTIAL_VARIATION;
         let dim = self.is_dim(at, source.radiosity);
         if !(dim && source.divided)
             && self.cut[at] != Some(true)
@@ -327,10 +331,20 @@ impl<'a> Receiver<'a> {
         {
             return Verdict::Keep;
         }
+        self.find_out_whether_cut(context, at, r);
         let s = node(view, link.source);
         let may_be_sealed = dim && region::is_cut(&context.scene, &s);
         let case = Case { may_be_sealed, ..self.case(at, r, &s, link.class) };
         oracle::judge(&sight, strength, &source, &case, &context.tolerances)
+    }
+}
+
+fn sight_of(link: &Link) -> Sight {
+    Sight {
+        form_factor: f64::from(link.form_factor),
+        spread: f64::from(link.spread),
+        uncertainty: f64::from(link.uncertainty),
+        class: link.class,
     }
 }
 

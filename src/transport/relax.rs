@@ -4,7 +4,7 @@
 use std::rc::Rc;
 
 use super::mesh::Mesh;
-use super::push_pull::{Factors, push_pull};
+use super::push_pull::{Factors, Gathered, push_pull};
 use crate::base::{Error, Progress, Result, Rgb};
 use crate::model::geometry::SideMaterial;
 
@@ -14,8 +14,8 @@ pub struct Member {
     pub mesh: Mesh,
     /// Reflectance and exitance of its patch sides.
     pub materials: Vec<SideMaterial>,
-    /// What each element gathered from outside the group, W/m2.
-    pub external: Vec<Rgb>,
+    /// What each element gathered from outside the group.
+    pub external: Vec<Gathered>,
     /// Closing factors of each leaf (1 for inner elements).
     pub factors: Vec<Factors>,
     /// Position of its first element among the group's.
@@ -41,6 +41,8 @@ pub struct InnerLink {
     pub source: u32,
     /// Form factor.
     pub form_factor: f32,
+    /// Its standard error.
+    pub error: f32,
 }
 
 /// Gives a member's links within the group; decoded anew or from a bounded cache, always the same.
@@ -99,7 +101,11 @@ pub fn relax(
             let member = &mut members[index];
             let mut gathered = member.external.clone();
             for link in list.iter() {
-                gathered[link.receiver as usize] += radiosity[link.source as usize] * f64::from(link.form_factor);
+                gathered[link.receiver as usize].add(
+                    radiosity[link.source as usize],
+                    f64::from(link.form_factor),
+                    f64::from(link.error),
+                );
             }
             done.links += list.len() as u64;
             let before: Vec<Rgb> = member.mesh.elements.iter().map(|e| e.irradiance).collect();

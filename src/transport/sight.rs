@@ -28,6 +28,21 @@ pub struct Sight {
     pub class: Visibility,
 }
 
+impl Sight {
+    /// The same without light: a spread without a form factor tells how much was left out.
+    #[must_use]
+    pub fn without_light(self) -> Self {
+        let most = (self.form_factor + self.uncertainty).max(self.withheld());
+        Self { form_factor: 0.0, spread: most, uncertainty: 0.0, class: Visibility::Partial }
+    }
+
+    /// The form factor that was left out, 0 if none was.
+    #[must_use]
+    pub fn withheld(&self) -> f64 {
+        if self.form_factor + self.uncertainty == 0.0 { self.spread } else { 0.0 }
+    }
+}
+
 /// How carefully to look.
 #[derive(Clone, Copy, Debug)]
 pub struct Care {
@@ -147,6 +162,32 @@ impl Tally {
     }
 }
 
+/// A mean of samples.
+#[derive(Default)]
+struct Mean {
+    count: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Mean {
+    fn add(&mut self, value: f64) {
+        self.count += 1.0;
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.count.max(1.0)
+    }
+
+    /// Standard error of the mean.
+    fn error(&self) -> f64 {
+        let variance = self.squares / self.count.max(1.0) - self.mean() * self.mean();
+        (variance.max(0.0) / self.count.max(1.0)).sqrt()
+    }
+}
+
 fn sample(
     scene: &RayScene<'_>,
     r: &Node,
@@ -164,6 +205,7 @@ fn sample(
     let softening = 2e-3 * s.shape.area();
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally::default();
+    let mut open = Mean::default();
     let mut target = FIRST_RAYS;
     let mut index = 0;
     loop {
@@ -174,6 +216,9 @@ fn sample(
             let (from, to) = (quarters[quarter].point(a, b), s.shape.point(c, d));
             if !inside(&r_region, from) {
                 continue;
+            }
+            if r_region.is_some() {
+                open.add(form_factor::at_point(from, r.normal, &s.shape, s.normal));
             }
             let along = to - from;
             let (cos_r, cos_s) = (r.normal.dot(along), -s.normal.dot(along));
@@ -186,14 +231,18 @@ fn sample(
             let visible = inside(&s_region, to) && !scene.blocked(from, to, &r.end, &s.end);
             tally.add(quarter, weight, visible);
         }
+        // The mean over the whole receiver is not that over its part: beside the wall that cuts it the
+        // wall itself fills half the view.
+        let (unoccluded, its_error) =
+            if r_region.is_some() { (open.mean(), open.error()) } else { (clear.form_factor, clear.uncertainty) };
         let share = tally.share();
-        let doubt = clear.form_factor * tally.error();
+        let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;
         if doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
             return Sight {
-                form_factor: clear.form_factor * share,
-                spread: clear.spread * share + clear.form_factor * tally.gradient(),
-                uncertainty: doubt + clear.uncertainty,
+                form_factor: unoccluded * share,
+                spread: clear.spread * share + unoccluded * tally.gradient(),
+                uncertainty: doubt + its_error * share,
                 class: Visibility::Partial,
             };
         }
