@@ -19,4 +19,8 @@ pub mod sight;
 pub mod source;
 
 #[cfg(test)]
+mod form_factor_tests;
+#[cfg(test)]
+mod occlusion_tests;
+#[cfg(test)]
 mod physics_tests;
