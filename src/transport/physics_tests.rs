@@ -46,23 +46,3 @@ fn nothing_gets_into_a_sealed_dark_room() {
     }
     assert!(scene.irradiance(1) > 0.0);
 }
-
-/// BL1: unit squares at distance 1 with a centred half-size blocker half way.
-#[test]
-fn a_blocker_between_plates_takes_the_known_share() {
-    let square = |low: f64, high: f64, z: f64, up: bool| {
-        let c = vec![[low, low, z], [high, low, z], [high, high, z], [low, high, z]];
-        if up { c } else { c.into_iter().rev().collect() }
-    };
-    let plates = vec![
-        (square(0.0, 1.0, 0.0, true), 0.0, 1.0),
-        (square(0.0, 1.0, 1.0, false), 0.0, 0.0),
-        (square(0.25, 0.75, 0.5, true), 0.0, 0.0),
-    ];
-    for (link, floor, limit) in [(0.02, 0.1, 0.01), (0.001, 0.01, 0.002)] {
-        let mut scene = MemoryScene::new(&plates);
-        scene.iterate(super::refine::Scope::Lights, link, floor, false);
-        let share = scene.irradiance(1) / 0.199_824_896;
-        assert!((share - 0.497_967_454).abs() < limit, "{share}");
-    }
-}
