@@ -5,11 +5,13 @@ use std::time::Duration;
 
 use super::solved::{Solved, Wrong, solve};
 use clerestory::base::{ClusterId, NodeName};
+use clerestory::geom::polygon::Polygon;
 use clerestory::geom::quadtree;
 use clerestory::model::ExtentKind;
 use clerestory::model::geometry::{GeometryView, PatchRecord};
-use clerestory::model::links::LinksView;
+use clerestory::model::links::{LinksView, Visibility};
 use clerestory::store::{Snapshot, Store};
+use clerestory::transport::form_factor;
 use clerestory::transport::link_rows::{self, Link};
 
 /// A leaf's share of its patch's area and the sum of its form factors before closing.
@@ -53,10 +55,31 @@ impl Links {
         all
     }
 
-    fn area_m2(&self, element: NodeName) -> f64 {
+    fn shape(&self, element: NodeName) -> Polygon {
         let patch = &self.patches[&element.cluster()][usize::from(element.patch_side().patch)];
-        quadtree::element_polygon(patch, element.path()).area()
+        quadtree::element_polygon(patch, element.path())
     }
+
+    fn area_m2(&self, element: NodeName) -> f64 {
+        self.shape(element).area()
+    }
+
+    /// What a receiver would see of a source if nothing lay between, within 1e-6.
+    fn unoccluded(&self, receiver: NodeName, source: NodeName) -> f64 {
+        let sided = |name: NodeName| {
+            let shape = self.shape(name);
+            let front = shape.normal();
+            (shape, if name.patch_side().side == 0 { front } else { -front })
+        };
+        let ((r, r_normal), (s, s_normal)) = (sided(receiver), sided(source));
+        form_factor::average(&r, r_normal, &s, s_normal, 1e-6).mean
+    }
+}
+
+/// What a link's form factor may be off by: three standard errors of its sampled share, and 2e-4, the
+/// coarsest tolerance of its unoccluded factor.
+fn bound(link: &Link) -> f64 {
+    3.0 * f64::from(link.uncertainty) + 2e-4
 }
 
 /// Expects row sums, before closing, of 1: within 1e-3 on average, 1e-2 for every patch, and never above
@@ -103,9 +126,6 @@ fn form_factors_are_bounded_by_areas_and_reciprocal_within_their_own_bounds() {
         let mut both_ways = 0;
         for ((receiver, source), link) in &all.links {
             let (here, there) = (all.area_m2(*receiver), all.area_m2(*source));
-            // A mean is off by its own estimate, a sampled share by three standard errors; and by 2e-4,
-            // the coarsest tolerance of a form factor.
-            let bound = |l: &Link| 3.0 * f64::from(l.uncertainty) + 2e-4;
             let factor = f64::from(link.form_factor);
             let most = (there / here).min(1.0);
             wrong.at_most(factor, most + bound(link), || {
@@ -121,6 +141,32 @@ fn form_factors_are_bounded_by_areas_and_reciprocal_within_their_own_bounds() {
             }
         }
         assert!(both_ways > 100, "{model}: {both_ways} links both ways");
+    }
+    wrong.assert_none();
+}
+
+/// Links proved visible have the closed form's factor, links proved hidden have none, and none has more
+/// than if nothing lay between.
+#[test]
+fn form_factors_are_those_of_the_closed_form_or_less_where_something_lies_between() {
+    let mut wrong = Wrong::default();
+    for model in ["closed_cube", "mean_value_cube", "leak_abutting"] {
+        let all = Links::of(&solve(model, &[]));
+        for ((receiver, source), link) in &all.links {
+            let (factor, open) = (f64::from(link.form_factor), all.unoccluded(*receiver, *source));
+            let excess = match link.class {
+                Visibility::Visible => (factor - open).abs(),
+                Visibility::Hidden => factor,
+                Visibility::Partial => (factor - open).max(0.0),
+            };
+            // A sampled share is at most 1, so the noise of rays excuses no excess.
+            wrong.at_most(excess, 2e-4, || {
+                format!(
+                    "{model}: {receiver:?} sees {factor} of {source:?}, {:?}; {open} if nothing lies between",
+                    link.class
+                )
+            });
+        }
     }
     wrong.assert_none();
 }

@@ -21,8 +21,8 @@ pub fn write_room(model: &Path, motion: impl Fn(DVec3) -> DVec3) {
             let corner = motion(low + (high - low) * pick);
             writeln!(obj, "v {} {} {}", corner.x, corner.y, corner.z).unwrap();
         }
-        for face in [[8, 7, 5, 6], [4, 2, 1, 3], [8, 4, 3, 7], [6, 5, 1, 2], [8, 6, 2, 4], [7, 3, 1, 5]] {
-            let mut face: [i32; 4] = face.map(|corner| corner - 9);
+        for face in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
+            let mut face: [i32; 4] = face.map(|corner| corner - 8);
             if !inwards {
                 face.reverse();
             }
@@ -60,6 +60,7 @@ fn light_of(turn: DMat3, shift: DVec3) -> (Solved, Vec<f64>) {
         writeln!(points, "{},{},{},{},{},{}", p.x, p.y, p.z, n.x, n.y, n.z).unwrap();
     }
     let light = solved.irradiance_at(&points);
+    assert!(light.iter().all(|l| *l > 0.1), "{light:?}");
     (solved, light)
 }
 
