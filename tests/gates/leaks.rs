@@ -46,6 +46,23 @@ fn a_gap_of_one_millimetre_lets_through_what_arrives_in_it() {
     assert!((got / expected - 1.0).abs() < 0.1, "mean irradiance {got} for {expected}");
 }
 
+/// The store room and what is in it, between lit rooms; `draft` for the time it takes.
+#[test]
+fn nothing_gets_into_the_sealed_store_room_of_an_office() {
+    let leaves = solve("office", &["--quality", "draft"]).leaves();
+    let (low, high) = ([11.25, 6.2, 0.0], [14.3, 10.2, 2.8]);
+    let inside = |l: &Leaf| {
+        (0..3).all(|i| {
+            let before = l.centre[i] + 1e-3 * l.normal[i];
+            low[i] < before && before < high[i]
+        })
+    };
+    let room: Vec<Leaf> = leaves.iter().copied().filter(inside).collect();
+    assert!(room.len() > 50, "{} leaves in the store room", room.len());
+    assert!(brightest(&leaves) > 0.1, "other rooms are lit");
+    assert_eq!(brightest(&room), 0.0);
+}
+
 /// A floor larger than the ceiling below it, in one plane with it.
 #[test]
 fn nothing_gets_into_the_storey_below_where_floor_and_ceiling_overlap() {
