@@ -3,65 +3,85 @@
 //! One value for all parts would carry light through the wall: out of the lit part, into the sealed
 //! one. So the smallest elements, which cannot be split to tell the parts apart, stand for the part
 //! that holds their anchor, as receivers and as sources. What lies on the far side of the wall is
-//! another element's to tell; on average as much is lost to either side as is won.
+//! another element's to tell: the anchor lies anywhere, so on average nothing is lost to either side.
 
 use glam::DVec3;
 
 use super::node::Node;
 use super::scene::RayScene;
 use crate::geom::bounds::Bounds;
+use crate::geom::sequence::mix;
 
 /// The part of an element that stands for it.
 #[derive(Clone, Copy, Debug)]
 pub struct Region {
     anchor: DVec3,
-    lift: DVec3,
+    lifts: [DVec3; 2],
+}
+
+/// Height above an element, as a share of the smallest element's edge, up to which a wall that does not
+/// touch it still stands on it: real walls end some millimetres above their floors.
+const GAP_SHARE: f64 = 0.05;
+
+/// Heights over an element at which something that stands on it is met: just above what lies in its
+/// plane, and above gaps too narrow for elements of this size to tell.
+fn heights(scene: &RayScene<'_>, min_element_m: f64) -> [f64; 2] {
+    let low = 2.0 * scene.snap_m();
+    [low, low.max(GAP_SHARE * min_element_m)]
 }
 
 impl Region {
     /// The part of `node` round its anchor; `None` if nothing cuts the element.
-    ///
-    /// What stands on the element is met a little above it, where what lies in its plane is not.
     #[must_use]
-    pub fn of(scene: &RayScene<'_>, node: &Node) -> Option<Self> {
-        is_cut(scene, node).then(|| {
-            let lift = node.normal * (2.0 * scene.snap_m());
-            // Off the middle, where symmetric models put their walls.
-            Self { anchor: node.shape.point(0.483_7, 0.523_1) + lift, lift }
+    pub fn of(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Option<Self> {
+        is_cut(scene, node, min_element_m).then(|| {
+            // Anywhere, by the name: so each part stands for as many elements as it takes up of their area.
+            let bits = mix(node.name.0);
+            let share = |bits: u64| 0.02 + 0.96 * (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
+            let anchor = node.shape.point(share(bits), share(bits >> 32));
+            Self { anchor, lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
         })
     }
 
     /// Whether a point of the element lies in the part.
     #[must_use]
     pub fn holds(&self, scene: &RayScene<'_>, point: DVec3) -> bool {
-        !scene.blocked_between(point + self.lift, self.anchor)
+        self.lifts.iter().all(|lift| !scene.blocked_between(point + *lift, self.anchor + *lift))
     }
 }
 
 /// Whether a patch crosses the inside of an element, a little above it on its side.
 #[must_use]
-pub fn is_cut(scene: &RayScene<'_>, node: &Node) -> bool {
-    let lift = 2.0 * scene.snap_m();
+pub fn is_cut(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> bool {
+    let heights = heights(scene, min_element_m);
     let corners = node.shape.corners();
-    let reach = 2.0 * lift;
+    let reach = 2.0 * heights[1];
     let bounds = Bounds::of(corners);
     let bounds = Bounds { min: bounds.min - reach, max: bounds.max + reach };
+    let normal = node.shape.normal();
     scene.any_in_box(&bounds, |patch| {
         let c = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
         let c = &c[..patch.corner_count as usize];
-        let height = |p: DVec3| node.height(p) - lift;
-        let mut crossing = [DVec3::ZERO; 2];
-        let mut count = 0;
-        for i in 0..c.len() {
-            let (a, b) = (c[i], c[(i + 1) % c.len()]);
-            let (ha, hb) = (height(a), height(b));
-            if (ha >= 0.0) != (hb >= 0.0) && count < 2 {
-                crossing[count] = a + (b - a) * (ha / (ha - hb));
-                count += 1;
-            }
-        }
-        count == 2 && enters(corners, node.shape.normal(), crossing, scene.snap_m())
+        heights.iter().any(|height| {
+            crossing(c, |p| node.height(p) - height)
+                .is_some_and(|segment| enters(corners, normal, segment, scene.snap_m()))
+        })
     })
+}
+
+/// Where a convex polygon crosses the plane at which `height` is 0.
+fn crossing(corners: &[DVec3], height: impl Fn(DVec3) -> f64) -> Option<[DVec3; 2]> {
+    let mut ends = [DVec3::ZERO; 2];
+    let mut count = 0;
+    for i in 0..corners.len() {
+        let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
+        let (ha, hb) = (height(a), height(b));
+        if (ha >= 0.0) != (hb >= 0.0) && count < 2 {
+            ends[count] = a + (b - a) * (ha / (ha - hb));
+            count += 1;
+        }
+    }
+    (count == 2).then_some(ends)
 }
 
 /// Whether a segment runs inside a convex polygon, further than `margin` from its edges.

@@ -230,6 +230,10 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
     })
 }
 
+/// A branch has converged when what is left is below this part of the tolerance. Sweeps over stored links are
+/// cheap, and where reflectance is high the rest is a bias of everything alike.
+const STOP: f64 = 25.0;
+
 /// Figures of the iteration that ends with the updates `now` on top of `base`.
 fn figures(
     store: &Store,
@@ -255,7 +259,7 @@ fn figures(
     let lit_area: f64 = reports.iter().map(|r| r.lit_area_m2).sum();
     let unlinked_area: f64 = reports.iter().map(|r| r.unlinked_area_m2).sum();
     Ok(VersionFigures {
-        converged: complete && predicted_error <= tolerance / 10.0,
+        converged: complete && predicted_error <= tolerance / STOP,
         tolerance,
         residual,
         contraction,

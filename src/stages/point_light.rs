@@ -35,16 +35,18 @@ pub struct PointLight<'a, 's> {
     scene: RayScene<'a>,
     /// Error of a source's light that does not matter, W/m2.
     allowed_w_m2: f64,
+    min_element_m: f64,
     held: LruCache<u32, Rc<Rows>>,
     /// Rays cast so far.
     pub rays: u64,
 }
 
 impl<'a, 's> PointLight<'a, 's> {
-    /// Over a version; light below `allowed_w_m2` does not matter.
+    /// Over a version solved with elements no smaller than `min_element_m`; light below `allowed_w_m2`
+    /// does not matter.
     #[must_use]
-    pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64) -> Self {
-        Self { set, scene, allowed_w_m2, held: LruCache::new(HELD), rays: 0 }
+    pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64, min_element_m: f64) -> Self {
+        Self { set, scene, allowed_w_m2, min_element_m, held: LruCache::new(HELD), rays: 0 }
     }
 
     /// The leaf element that holds a point of a patch side.
@@ -69,7 +71,14 @@ impl<'a, 's> PointLight<'a, 's> {
         let on_plane = point - leaf.normal * leaf.height(point);
         let stored = mapped.view().light.find(leaf.name).map_or([0.0; 3], |e| e.irradiance);
         let typical_w_m2 = Rgb::from_f32(stored).max();
-        let place = gather_point::Place { point: on_plane, leaf: &leaf, typical_w_m2, relative: SOURCE_SHARE, closure };
+        let place = gather_point::Place {
+            point: on_plane,
+            leaf: &leaf,
+            typical_w_m2,
+            relative: SOURCE_SHARE,
+            min_element_m: self.min_element_m,
+            closure,
+        };
         let mut gathered = Gathered::default();
         let mut above = Some(leaf.name);
         while let Some(name) = above {

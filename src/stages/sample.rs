@@ -51,7 +51,9 @@ pub fn execute(
     let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
     let scene = RayScene::new(top.parse(TopRaysView::parse)?, &file, facts.snap_m).map_err(|e| top.damage(e))?;
     let snap_m = options.snap_m.unwrap_or(1e-5 * facts.diagonal_m());
-    let mut light = PointLight::new(&set, scene, SOURCE_SHARE * tolerances::typical_irradiance(&facts));
+    let min_element_m = tolerances::min_element_m(store, version, &facts)?;
+    let allowed_w_m2 = SOURCE_SHARE * tolerances::typical_irradiance(&facts);
+    let mut light = PointLight::new(&set, scene, allowed_w_m2, min_element_m);
     let mut summary = Summary::default();
     let io = |e: std::io::Error| Error::failed(format!("points could not be written: {e}"), "check the output file");
     writeln!(out, "{HEADER}").map_err(io)?;

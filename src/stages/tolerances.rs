@@ -1,7 +1,9 @@
 //! `--tolerance` in the model's own units.
 
-use crate::base::Rgb;
-use crate::store::ModelFacts;
+use serde_json::Value;
+
+use crate::base::{Result, Rgb};
+use crate::store::{ModelFacts, Store};
 use crate::transport::oracle::Tolerances;
 
 /// What a model's light comes to on average where there is any, W/m2 (norm over RGB): emitted power
@@ -24,6 +26,15 @@ pub fn of(facts: &ModelFacts, tolerance: f64, min_element_m: Option<f64>) -> Tol
         row_w_m2: ROW_SHARE * tolerance * typical_irradiance(facts),
         min_element_m: min_element_m.unwrap_or_else(|| default_min_element_m(facts, tolerance)),
     }
+}
+
+/// The smallest element edge of a version's solution, m.
+pub fn min_element_m(store: &Store, version: u64, facts: &ModelFacts) -> Result<f64> {
+    let branch = store.version(version)?.map_or(0, |row| row.branch);
+    let options: Value =
+        store.options_of_branch(branch)?.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default();
+    let of_tolerance = || default_min_element_m(facts, options["tolerance"].as_f64().unwrap_or(0.0));
+    Ok(options["min_element_m"].as_f64().unwrap_or_else(of_tolerance))
 }
 
 /// `--min-element` where none is given, m.

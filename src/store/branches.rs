@@ -90,6 +90,11 @@ impl Store {
         Ok(query.query_row([branch], |r| r.get(0))?)
     }
 
+    /// What shaped a branch's solution, as the JSON that its tasks recorded; `None` before any task.
+    pub fn options_of_branch(&self, branch: u64) -> Result<Option<String>> {
+        Ok(self.connection().query_row("SELECT options FROM branches WHERE id = ?1", [branch], |r| r.get(0))?)
+    }
+
     /// Number of groups; 0 before partition.
     pub fn group_count(&self) -> Result<u64> {
         Ok(self.connection().query_row("SELECT count(*) FROM groups", [], |r| r.get(0))?)

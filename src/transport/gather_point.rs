@@ -5,6 +5,8 @@ use glam::DVec3;
 
 use super::form_factor;
 use super::link_rows::Link;
+use super::refine::DIM;
+use super::sight;
 use super::source::ClusterView;
 use crate::base::Rgb;
 use crate::geom::polygon::Polygon;
@@ -26,6 +28,8 @@ pub struct Place<'a> {
     pub typical_w_m2: f64,
     /// Share of that which errors of a source's visibility may come to.
     pub relative: f64,
+    /// No element edge is below this, m.
+    pub min_element_m: f64,
     /// How its row was closed.
     pub closure: Option<&'a LeafClosure>,
 }
@@ -124,13 +128,12 @@ fn add_source(
         // A dim place asks for more than a typical one, to a point.
         let allowed = POINT_SHARE * (place.relative * place.typical_w_m2).clamp(0.1 * allowed, allowed);
         let part = Part { shape: s.shape, open, depth: 0, allowed };
-        let view = View {
-            scene,
-            place,
-            s,
-            region: Region::of(scene, s),
-            strength_w_m2: source.radiosity.max() + place.typical_w_m2,
-        };
+        let is_smallest = sight::is_smallest(s, place.min_element_m);
+        // A place far darker than a source may lie in a sealed part of it.
+        let is_dim = place.typical_w_m2 < DIM * source.radiosity.max();
+        let region = if is_smallest || is_dim { Region::of(scene, s, place.min_element_m) } else { None };
+        let strength_w_m2 = source.radiosity.max() + place.typical_w_m2;
+        let view = View { scene, place, s, is_smallest, region, strength_w_m2 };
         view.seen(&part, rays)
     } else {
         Seen { form_factor: open, error: FLOOR * open }
@@ -160,6 +163,7 @@ struct View<'a> {
     scene: &'a RayScene<'a>,
     place: &'a Place<'a>,
     s: &'a Node,
+    is_smallest: bool,
     region: Option<Region>,
     /// How strongly errors of the form factor act, W/m2.
     strength_w_m2: f64,
@@ -206,12 +210,15 @@ impl View<'_> {
             if cos_r <= 0.0 || cos_s <= 0.0 {
                 continue;
             }
+            let holds = self.region.is_none_or(|g| g.holds(self.scene, to));
+            if !holds && self.is_smallest {
+                continue;
+            }
             let distance_squared = along.length_squared();
             let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
             all += weight;
             squares += weight * weight;
             *rays += 1;
-            let holds = self.region.is_none_or(|g| g.holds(self.scene, to));
             if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end) {
                 visible += weight;
             }

@@ -75,7 +75,7 @@ const NEGLIGIBLE: f64 = 1e-4;
 
 /// Factor on errors from a source's spread, which do not average out over a row as others do: what is near
 /// is linked finely and lies in dim corners, what is far coarsely and misses the bright middles.
-pub const SOURCE_SIGN: f64 = 5.0;
+pub const SOURCE_SIGN: f64 = 8.0;
 
 /// Judges a link: errors in radiosity and in flux must both exceed what is allowed before it is split.
 #[must_use]

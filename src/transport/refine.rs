@@ -182,7 +182,8 @@ impl<'a> Receiver<'a> {
         let source = source_view.source(s.name);
         self.find_out_whether_cut(context, at, r);
         let strength = self.strength(at, source.radiosity);
-        let may_be_sealed = self.is_dim(at, source.radiosity) && region::is_cut(&context.scene, s);
+        let may_be_sealed =
+            self.is_dim(at, source.radiosity) && region::is_cut(&context.scene, s, context.tolerances.min_element_m);
         let case = Case { may_be_sealed, ..self.case(at, r, s, Visibility::Partial) };
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
@@ -211,7 +212,7 @@ impl<'a> Receiver<'a> {
             // What nothing cuts has no cut children.
             let above = self.mesh.elements[at].parent;
             let possible = above == NONE || self.cut[above as usize] != Some(false);
-            self.cut[at] = Some(possible && region::is_cut(&context.scene, r));
+            self.cut[at] = Some(possible && region::is_cut(&context.scene, r, context.tolerances.min_element_m));
         }
     }
 
@@ -333,7 +334,7 @@ impl<'a> Receiver<'a> {
         }
         self.find_out_whether_cut(context, at, r);
         let s = node(view, link.source);
-        let may_be_sealed = dim && region::is_cut(&context.scene, &s);
+        let may_be_sealed = dim && region::is_cut(&context.scene, &s, context.tolerances.min_element_m);
         let case = Case { may_be_sealed, ..self.case(at, r, &s, link.class) };
         oracle::judge(&sight, strength, &source, &case, &context.tolerances)
     }
@@ -358,7 +359,7 @@ fn side_key(name: NodeName) -> u64 {
 }
 
 /// A receiver whose irradiance is below this share of a source's radiosity is dim beside it.
-const DIM: f64 = 0.15;
+pub const DIM: f64 = 0.15;
 
 /// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
 /// part (what lies under a box is dark and unseen), an error that does not average out over links.

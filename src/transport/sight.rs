@@ -7,6 +7,7 @@
 use glam::DVec3;
 
 use super::form_factor;
+use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::Visibility;
@@ -87,8 +88,8 @@ pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: C
     let open = form_factor::average(&r.shape, r.normal, &s.shape, s.normal, tolerance);
     let spread = (open.high - open.mean).max(open.mean - open.low);
     let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible };
-    let smallest = |node: &Node| 0.5 * node.shape.longest_edge() < care.min_element_m;
-    let region = |node: &Node, wanted: bool| if wanted { Region::of(scene, node) } else { None };
+    let smallest = |node: &Node| is_smallest(node, care.min_element_m);
+    let region = |node: &Node, wanted: bool| if wanted { Region::of(scene, node, care.min_element_m) } else { None };
     let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
     if regions.iter().any(Option::is_some) {
         return Some(sample(scene, r, s, &clear, regions, care, rays));
@@ -106,6 +107,12 @@ pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: C
         Contents::Wall => Some(nothing),
         Contents::Something => Some(sample(scene, r, s, &clear, regions, care, rays)),
     }
+}
+
+/// Whether an element is too short to be split.
+#[must_use]
+pub fn is_smallest(node: &Node, min_element_m: f64) -> bool {
+    0.5 * node.shape.longest_edge() < min_element_m
 }
 
 /// Share that n agreeing rays may have missed, times n: a quarter of what they are expected to.
@@ -188,6 +195,54 @@ impl Mean {
     }
 }
 
+/// Parts of a source that rays are sent to, by what a point sees of each: of a source that is larger than
+/// its distance a few rays by area would tell nothing.
+struct Cells {
+    shapes: Vec<Polygon>,
+    /// Share of the source's area.
+    areas: Vec<f64>,
+}
+
+/// Share of the rays that is spread by area alone.
+const BY_AREA: f64 = 0.25;
+
+impl Cells {
+    fn new(r: &Node, s: &Node) -> Self {
+        let mut shapes = vec![s.shape];
+        let distance = r.shape.centre().distance(s.shape.centre());
+        let levels = [1.0, 0.25].iter().filter(|far| distance < *far * s.shape.radius()).count();
+        for _ in 0..levels {
+            shapes = shapes.iter().flat_map(|shape| (0..4).map(|q| quadtree::child(shape, q))).collect();
+        }
+        let total: f64 = shapes.iter().map(Polygon::area).sum();
+        let areas = shapes.iter().map(|shape| shape.area() / total).collect();
+        Self { shapes, areas }
+    }
+
+    /// A point of the source by two numbers in 0..1, and its density relative to one by area.
+    fn draw(&self, r: &Node, s: &Node, from: DVec3, [c, d]: [f64; 2]) -> (DVec3, f64) {
+        if let [whole] = self.shapes.as_slice() {
+            return (whole.point(c, d), 1.0);
+        }
+        let mut seen = [0.0; 16];
+        for (seen, shape) in seen.iter_mut().zip(&self.shapes) {
+            *seen = form_factor::at_point(from, r.normal, shape, s.normal);
+        }
+        let total: f64 = seen.iter().sum();
+        let mut before = 0.0;
+        for (i, (shape, by_area)) in self.shapes.iter().zip(&self.areas).enumerate() {
+            let by_view = if total > 0.0 { seen[i] / total } else { *by_area };
+            let share = BY_AREA * by_area + (1.0 - BY_AREA) * by_view;
+            if c < before + share || i + 1 == self.shapes.len() {
+                let within = ((c - before) / share).clamp(0.0, 1.0);
+                return (shape.point(within, d), share / by_area);
+            }
+            before += share;
+        }
+        unreachable!("the last part takes what is left")
+    }
+}
+
 fn sample(
     scene: &RayScene<'_>,
     r: &Node,
@@ -199,6 +254,8 @@ fn sample(
 ) -> Sight {
     let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
+    let cells = Cells::new(r, s);
+    let s_is_smallest = is_smallest(s, care.min_element_m);
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.
@@ -213,7 +270,8 @@ fn sample(
             let [a, b, c, d] = sequence.point(index);
             let quarter = (index % 4) as usize;
             index += 1;
-            let (from, to) = (quarters[quarter].point(a, b), s.shape.point(c, d));
+            let from = quarters[quarter].point(a, b);
+            let (to, density) = cells.draw(r, s, from, [c, d]);
             if !inside(&r_region, from) {
                 continue;
             }
@@ -225,10 +283,15 @@ fn sample(
             if cos_r <= 0.0 || cos_s <= 0.0 {
                 continue;
             }
+            let holds = inside(&s_region, to);
+            // The parts of a small source stand for one another on average, those of a large one do not.
+            if !holds && s_is_smallest {
+                continue;
+            }
             let distance_squared = along.length_squared();
-            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
+            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening) * density);
             *rays += 1;
-            let visible = inside(&s_region, to) && !scene.blocked(from, to, &r.end, &s.end);
+            let visible = holds && !scene.blocked(from, to, &r.end, &s.end);
             tally.add(quarter, weight, visible);
         }
         // The mean over the whole receiver is not that over its part: beside the wall that cuts it the

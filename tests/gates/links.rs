@@ -47,7 +47,13 @@ impl Links {
             for row in views.last().map_or(&[][..], |v| v.closure) {
                 let leaf = NodeName(row.leaf);
                 let share = 0.25f64.powi(leaf.depth() as i32);
-                let sum = f64::from(row.own_sum) + f64::from(row.above_sum) + f64::from(row.measured_escape);
+                let mut sum = f64::from(row.measured_escape);
+                let mut at = Some(leaf);
+                while let Some(receiver) = at {
+                    let of_receiver = (receiver, NodeName(0))..=(receiver, NodeName(u64::MAX));
+                    sum += all.links.range(of_receiver).map(|(_, link)| f64::from(link.form_factor)).sum::<f64>();
+                    at = receiver.parent();
+                }
                 all.sums.entry(root(leaf)).or_default().push((share, sum));
             }
         }
