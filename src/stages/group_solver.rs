@@ -56,6 +56,8 @@ struct Refined {
     closure: Vec<LeafClosure>,
     changed: Vec<bool>,
     stored_changed: bool,
+    /// Bytes of the chain of link extents that the rows came from; 0 if there is none.
+    chain_bytes: u64,
     counts: Counts,
 }
 
@@ -112,7 +114,9 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let mesh = Mesh::load(id, &view.geometry, &view.light);
         let mut rows = vec![Vec::new(); mesh.elements.len()];
         let mut known: HashMap<u64, LeafClosure> = HashMap::new();
+        let mut chain_bytes = 0;
         if from_stored {
+            chain_bytes = self.set.snapshot().links_bytes(id)?;
             let chain = LinkStore::chain(self.set, id, None)?;
             let views = chain.views()?;
             link_rows::for_each_row(&views, |name, view, range| {
@@ -152,7 +156,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
         let Receiver { mesh, rows, changed, .. } = receiver;
-        Ok(Refined { mesh, rows, closure, changed, stored_changed, counts })
+        Ok(Refined { mesh, rows, closure, changed, stored_changed, chain_bytes, counts })
     }
 
     fn gather_and_relax(
@@ -210,23 +214,25 @@ impl<'a, 's> GroupSolver<'a, 's> {
     }
 }
 
-/// Writes a cluster's links: the changed rows where they are few, else all.
+/// Writes a cluster's links: the rows that changed behind the chain they came from, or all rows anew
+/// where there is no chain or more than half of it would be garbage.
 fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> Result<UpdateRow> {
     let mut order: Vec<usize> = (0..refined.rows.len()).collect();
     order.sort_unstable_by_key(|&at| refined.mesh.elements[at].name);
-    let of = |at: usize| (refined.mesh.elements[at].name, refined.rows[at].as_slice());
-    let count = |keep: &dyn Fn(usize) -> bool| -> usize {
-        order.iter().filter(|&&at| keep(at)).map(|&at| refined.rows[at].len()).sum()
+    let encode = |delta: bool| {
+        let keep = |at: usize| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() };
+        let rows: Vec<_> = (order.iter().filter(|&&at| keep(at)))
+            .map(|&at| (refined.mesh.elements[at].name, refined.rows[at].as_slice()))
+            .collect();
+        link_rows::encode(delta, &rows, &refined.closure)
     };
-    let (changed, all) = (count(&|at| refined.changed[at]), count(&|_| true));
-    // A delta leaves the rows it replaces behind as garbage: past half, all are written anew.
-    let delta = refined.counts.reused > 0 && 2 * changed < all;
-    let rows: Vec<_> = order
-        .iter()
-        .filter(|&&at| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() })
-        .map(|&at| of(at))
-        .collect();
-    let at = writer.append(ExtentKind::Links, id.0, &link_rows::encode(delta, &rows, &refined.closure))?;
+    let links = refined.rows.iter().map(Vec::len).sum();
+    let room = 2 * link_rows::live_bytes(links, refined.closure.len());
+    let behind = (0 < refined.chain_bytes && refined.chain_bytes < room)
+        .then(|| encode(true))
+        .filter(|delta| refined.chain_bytes + delta.len() as u64 <= room);
+    let (delta, payload) = (behind.is_some(), behind.unwrap_or_else(|| encode(false)));
+    let at = writer.append(ExtentKind::Links, id.0, &payload)?;
     Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
 }
 

@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::working_set::WorkingSet;
-use crate::base::{ClusterId, Progress, Result};
+use crate::base::{ClusterId, Error, Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::quadtree::patch_polygon;
 use crate::model::ExtentKind;
@@ -88,9 +88,31 @@ const ELEMENT_BYTES: u64 = 300;
 /// Fewest groups by default: enough to schedule well on a few workers (N > 8 P in the paper).
 const LEAST_GROUPS: u64 = 16;
 
+/// Bytes that grouping takes whatever the model, and for a pair of clusters that see each other.
+const BASE_BYTES: u64 = 16 << 20;
+const PAIR_BYTES: u64 = 100;
+
+/// Refuses a form-factor graph that would not fit in memory.
+fn require_memory(store: &Store, memory_bytes: u64) -> Result<()> {
+    let pairs = store.visibility_figures()?.pairs;
+    let needed = BASE_BYTES + pairs * PAIR_BYTES;
+    if needed <= memory_bytes {
+        return Ok(());
+    }
+    let mib = needed.div_ceil(1 << 20);
+    Err(Error::TooLarge {
+        message: format!(
+            "grouping by {pairs} pairs of clusters needs {mib} MiB, over the limit of {} MiB",
+            memory_bytes >> 20
+        ),
+        help: format!("give `--memory {mib}M`"),
+    })
+}
+
 /// Decides on method and number, and whether there is anything to do.
 pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
     let visibility = store.require_stage(Stage::Visibility)?;
+    require_memory(store, options.memory_bytes)?;
     let facts = store.facts()?;
     let elements_bytes = facts.patches * ELEMENTS_PER_PATCH * ELEMENT_BYTES;
     let default = elements_bytes.div_ceil(options.memory_bytes / 4).max(LEAST_GROUPS).min(facts.clusters);

@@ -7,7 +7,9 @@ use serde::Serialize;
 use super::group_solver::{GroupSolver, Settings};
 use super::tolerances;
 use super::working_set::WorkingSet;
-use crate::base::{Error, Progress, Result};
+use crate::base::{ClusterId, Error, Progress, Result};
+use crate::model::ExtentKind;
+use crate::model::light::ElementLight;
 use crate::model::order::UpdateOrder;
 use crate::model::rays::TopRaysView;
 use crate::model::report::TaskReport;
@@ -137,7 +139,13 @@ pub struct Summary {
 /// Bytes that a task needs whatever the group: code, caches of places, SQLite.
 const BASE_BYTES: u64 = 32 << 20;
 
-/// Checks that there are groups and that the work fits in memory.
+/// Bytes of an element while its group is solved, light from outside and closure included.
+const ELEMENT_BYTES: u64 = 300;
+
+/// Bytes that a link takes up while its cluster is refined and written, for each byte as stored.
+const COPIES_OF_LINKS: u64 = 3;
+
+/// Checks that there are groups and that the least a task needs fits in memory.
 pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
     store.require_stage(Stage::Partition)?;
     let facts = store.facts()?;
@@ -264,6 +272,32 @@ fn choose(policy: Policy, offer: &Offer) -> Option<u32> {
     schedule::choose(policy, &candidates, offer.taken, &offer.by_cost)
 }
 
+/// Refuses a group whose elements and links, as the base version stores them, do not fit in memory.
+/// What the visit adds to them is not known before.
+fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &[ClusterId]) -> Result<()> {
+    let (mut elements, mut links) = (0, 0);
+    for &id in clusters {
+        let light = set.snapshot().place(ExtentKind::Radiosity, id)?.map_or(0, |at| at.bytes);
+        elements += light / size_of::<ElementLight>() as u64;
+        links = links.max(set.snapshot().links_bytes(id)?);
+    }
+    let fixed = BASE_BYTES + plan.options.link_cache_bytes;
+    let needed = fixed + elements * ELEMENT_BYTES + links * COPIES_OF_LINKS;
+    if needed <= plan.options.memory_bytes {
+        return Ok(());
+    }
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    Err(Error::TooLarge {
+        message: format!(
+            "group {group} needs {} MiB for {elements} elements in {} clusters, over the limit of {} MiB",
+            mib(needed),
+            clusters.len(),
+            plan.options.memory_bytes >> 20
+        ),
+        help: format!("give `--memory {}M`, or more than {} groups with `--groups`", mib(needed), plan.groups),
+    })
+}
+
 fn solve(
     plan: &Plan<'_>,
     set: &WorkingSet<'_>,
@@ -293,6 +327,7 @@ fn solve(
         link_cache_bytes: options.link_cache_bytes,
     };
     let clusters = store.clusters_of(lease.group)?;
+    require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
     let solver = GroupSolver { set, scene, settings, progress };
     let mut solved = solver.solve(&clusters, &mut worker.segment)?;

@@ -212,6 +212,12 @@ impl<'s> Snapshot<'s> {
         chain.into_iter().map(|at| self.checked(at, ExtentKind::Links, cluster)).collect()
     }
 
+    /// Bytes of a cluster's chain of link extents, as stored.
+    pub fn links_bytes(&self, cluster: ClusterId) -> Result<u64> {
+        let chain = self.link_places(cluster).map_err(|e| self.store.named(e))?;
+        Ok(chain.iter().map(|at| at.bytes).sum())
+    }
+
     /// All clusters, by number, fetched page by page.
     pub fn clusters(&self) -> Clusters<'s> {
         Clusters { store: self.store, page: Vec::new().into_iter(), after: -1, ended: false }

@@ -52,6 +52,13 @@ pub fn link_at(view: &LinksView<'_>, at: usize) -> Link {
     }
 }
 
+/// Least bytes of an extent with so many links and closures: names of receivers and sources not counted.
+#[must_use]
+pub fn live_bytes(links: usize, closures: usize) -> u64 {
+    const LINK: usize = size_of::<u32>() + 3 * size_of::<f32>();
+    (links * LINK + closures * size_of::<LeafClosure>()) as u64
+}
+
 /// Writes rows, ascending by receiver, as the payload of a link extent.
 #[must_use]
 pub fn encode(delta: bool, rows: &[(NodeName, &[Link])], closure: &[LeafClosure]) -> Vec<u8> {
