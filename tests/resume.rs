@@ -52,6 +52,26 @@ fn one_worker_four_workers_or_a_shell_loop_give_the_same_bytes() {
 }
 
 #[test]
+fn groups_solved_in_any_order_each_by_a_process_of_its_own_give_the_same_bytes() {
+    let calm = scene();
+    assert_eq!(finish(&mut run(calm.path(), &["--schedule", "ffd"])).0, 0);
+    let dir = scene();
+    assert_eq!(finish(&mut run(dir.path(), &["--max-iterations", "1", "--schedule", "ws", "--delta", "1"])).0, 3);
+    let verb = |args: &[&str]| finish(clerestory().current_dir(dir.path()).args(args).args(["--json", "-q"]));
+    for iteration in 0..50 {
+        for turn in [3, 1, 0, 2] {
+            let group = ((turn + iteration) % 4).to_string();
+            let solve = ["solve-group", "rooms.clr", "--group", &group, "--tolerance", "0.1", "--link-cache", "16K"];
+            assert_eq!(verb(&solve).0, 0);
+        }
+        if verb(&["merge", "rooms.clr"]).1["converged"] == true {
+            break;
+        }
+    }
+    assert_eq!(light_of(&calm.path().join("rooms.clr")), light_of(&dir.path().join("rooms.clr")));
+}
+
+#[test]
 fn out_of_iterations_is_exit_3_and_the_rest_follows_from_there() {
     let whole = scene();
     assert_eq!(finish(&mut run(whole.path(), &[])).0, 0);
