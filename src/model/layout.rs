@@ -64,22 +64,35 @@ impl ArraysBuilder {
     /// The finished payload.
     #[must_use]
     pub fn finish(self) -> Vec<u8> {
-        let up = |n: usize| n.div_ceil(ALIGN) * ALIGN;
-        let mut offset = up(8 + 16 * self.arrays.len());
-        let mut out = Vec::new();
-        out.extend_from_slice(&(self.arrays.len() as u64).to_le_bytes());
+        let bytes: Vec<usize> = self.arrays.iter().map(Vec::len).collect();
+        let mut out = table(&bytes);
         for array in &self.arrays {
-            out.extend_from_slice(&(offset as u64).to_le_bytes());
-            out.extend_from_slice(&(array.len() as u64).to_le_bytes());
-            offset = up(offset + array.len());
-        }
-        for array in &self.arrays {
-            out.resize(up(out.len()), 0);
             out.extend_from_slice(array);
+            out.extend_from_slice(padding(array.len()));
         }
-        out.resize(up(out.len()), 0);
         out
     }
+}
+
+/// What a payload of arrays of so many bytes begins with; each array follows with its [`padding`].
+#[must_use]
+pub fn table(arrays: &[usize]) -> Vec<u8> {
+    let mut out = (arrays.len() as u64).to_le_bytes().to_vec();
+    let mut offset = (8 + 16 * arrays.len()).next_multiple_of(ALIGN);
+    for bytes in arrays {
+        out.extend_from_slice(&(offset as u64).to_le_bytes());
+        out.extend_from_slice(&(*bytes as u64).to_le_bytes());
+        offset = (offset + bytes).next_multiple_of(ALIGN);
+    }
+    out.extend_from_slice(padding(out.len()));
+    out
+}
+
+/// Zeros behind an array, or table, of so many bytes.
+#[must_use]
+pub fn padding(bytes: usize) -> &'static [u8] {
+    const ZEROS: [u8; ALIGN] = [0; ALIGN];
+    &ZEROS[..bytes.next_multiple_of(ALIGN) - bytes]
 }
 
 /// Reads arrays out of a payload, which must be 16-byte aligned in memory (extents are 64).

@@ -193,6 +193,7 @@ impl InnerLinks for GroupLinks<'_, '_> {
         } else {
             self.recomputed += links.len() as u64;
         }
+        links.shrink_to_fit();
         let links = Rc::new(links);
         self.bytes += weight(&links);
         self.cache.put(index, links.clone());

@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 
 use super::group_links::{GroupLinks, LinkStore, SourceTable};
+use super::link_extent::LinkExtent;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, Progress, Result, Rgb};
 use crate::model::ExtentKind;
@@ -219,20 +220,20 @@ impl<'a, 's> GroupSolver<'a, 's> {
 fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> Result<UpdateRow> {
     let mut order: Vec<usize> = (0..refined.rows.len()).collect();
     order.sort_unstable_by_key(|&at| refined.mesh.elements[at].name);
-    let encode = |delta: bool| {
+    let extent = |delta: bool| {
         let keep = |at: usize| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() };
-        let rows: Vec<_> = (order.iter().filter(|&&at| keep(at)))
+        let rows = (order.iter().filter(|&&at| keep(at)))
             .map(|&at| (refined.mesh.elements[at].name, refined.rows[at].as_slice()))
             .collect();
-        link_rows::encode(delta, &rows, &refined.closure)
+        LinkExtent::new(delta, rows, &refined.closure)
     };
     let links = refined.rows.iter().map(Vec::len).sum();
     let room = 2 * link_rows::live_bytes(links, refined.closure.len());
     let behind = (0 < refined.chain_bytes && refined.chain_bytes < room)
-        .then(|| encode(true))
-        .filter(|delta| refined.chain_bytes + delta.len() as u64 <= room);
-    let (delta, payload) = (behind.is_some(), behind.unwrap_or_else(|| encode(false)));
-    let at = writer.append(ExtentKind::Links, id.0, &payload)?;
+        .then(|| extent(true))
+        .filter(|delta| refined.chain_bytes + delta.bytes() <= room);
+    let delta = behind.is_some();
+    let at = behind.unwrap_or_else(|| extent(false)).write(id, writer)?;
     Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
 }
 

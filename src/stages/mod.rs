@@ -9,6 +9,7 @@ pub mod group_links;
 pub mod group_solver;
 pub mod ingest;
 pub mod leaves;
+pub mod link_extent;
 pub mod merge;
 pub mod output;
 pub mod partition;

@@ -142,8 +142,8 @@ const BASE_BYTES: u64 = 32 << 20;
 /// Bytes of an element while its group is solved, light from outside and closure included.
 const ELEMENT_BYTES: u64 = 300;
 
-/// Bytes that a link takes up while its cluster is refined and written, for each byte as stored.
-const COPIES_OF_LINKS: u64 = 3;
+/// Bytes that a cluster's links take up while it is refined, over those of its chain of extents.
+const LINKS_IN_MEMORY: f64 = 1.5;
 
 /// Checks that there are groups and that the least a task needs fits in memory.
 pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
@@ -281,8 +281,9 @@ fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &
         elements += light / size_of::<ElementLight>() as u64;
         links = links.max(set.snapshot().links_bytes(id)?);
     }
-    let fixed = BASE_BYTES + plan.options.link_cache_bytes;
-    let needed = fixed + elements * ELEMENT_BYTES + links * COPIES_OF_LINKS;
+    // Links are cached once all clusters are refined.
+    let links = ((links as f64 * LINKS_IN_MEMORY) as u64).max(plan.options.link_cache_bytes);
+    let needed = BASE_BYTES + elements * ELEMENT_BYTES + links;
     if needed <= plan.options.memory_bytes {
         return Ok(());
     }
