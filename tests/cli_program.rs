@@ -110,6 +110,23 @@ fn every_document_has_the_common_keys_and_those_of_its_verb() {
     assert_eq!(rows[2], "9,9,9,0,0,1,,,,");
 }
 
+#[test]
+fn points_are_answered_from_the_elements_where_links_were_discarded() {
+    let dir = tempfile::tempdir().unwrap();
+    box_model(dir.path());
+    std::fs::write(dir.path().join("p.csv"), "x,y,z,nx,ny,nz\n2,1.5,0,0,0,1\n").unwrap();
+    let lux = |links: &str| -> f64 {
+        let store = format!("{links}.clr");
+        let solve = ["run", "box.obj", "--store", &store, "--quality", "preview", "--groups", "1", "--links", links];
+        assert_eq!(code(&clerestory(dir.path(), &solve)), 0);
+        let out = clerestory(dir.path(), &["sample", &store, "--points", "p.csv", "-o", "-", "-q"]);
+        let text = String::from_utf8_lossy(&out.stdout).into_owned();
+        text.trim().rsplit(',').next().unwrap().parse().unwrap()
+    };
+    let (kept, discarded) = (lux("keep"), lux("discard"));
+    assert!((discarded / kept - 1.0).abs() < 0.1, "{discarded} lx where kept links give {kept} lx");
+}
+
 /// Where `status --settings` says that a flag of a verb comes from, and its value.
 fn setting(dir: &Path, environment: &[(&str, &str)], verb: &str, flag: &str) -> (String, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_clerestory"));

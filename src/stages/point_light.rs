@@ -1,4 +1,5 @@
-//! The light at one place of a surface: a gather over the stored links of the elements that hold it.
+//! The light at one place of a surface: a gather over the stored links of the elements that hold it,
+//! or that of the element where no links are stored.
 
 use std::rc::Rc;
 
@@ -70,6 +71,10 @@ impl<'a, 's> PointLight<'a, 's> {
         // Exactly on the plane: what lies in it must not count as above or below.
         let on_plane = point - leaf.normal * leaf.height(point);
         let stored = mapped.view().light.find(leaf.name).map_or([0.0; 3], |e| e.irradiance);
+        if rows.rows.is_empty() {
+            // Links were discarded, or nothing shines here: the element knows as much as there is.
+            return Ok(Rgb::from_f32(stored));
+        }
         let typical_w_m2 = Rgb::from_f32(stored).max();
         let place = gather_point::Place {
             point: on_plane,
