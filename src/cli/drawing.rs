@@ -154,13 +154,11 @@ fn line(phase: &Phase) -> String {
     match total {
         Some(total) if *total > 0 => {
             let percent = 100 * done.min(total) / total;
-            let left = total.saturating_sub(*done) as f64 / rate.max(1e-9);
-            format!(
-                "  {name:<10} {percent:>3} %  {} {unit}  {}/s  ETA {}",
-                count(*done as f64),
-                count(rate),
-                span(left)
-            )
+            let left = match done {
+                0 => "unknown".to_owned(),
+                _ => span(total.saturating_sub(*done) as f64 / rate),
+            };
+            format!("  {name:<10} {percent:>3} %  {} {unit}  {}/s  ETA {left}", count(*done as f64), count(rate))
         }
         _ => format!("  {name:<10} {} {unit}  {}/s", count(*done as f64), count(rate)),
     }
@@ -266,7 +264,7 @@ mod tests {
     #[test]
     fn a_plain_line_tells_share_rate_and_time_left() {
         let began = Instant::now().checked_sub(Duration::from_secs(61)).unwrap();
-        let phase = Phase {
+        let mut phase = Phase {
             name: "gather".to_owned(),
             unit: "links".to_owned(),
             total: Some(2_000_000),
@@ -276,5 +274,7 @@ mod tests {
             bar: None,
         };
         assert_eq!(line(&phase), "  gather      61 %  1.22 M links  20,000/s  ETA 39 s");
+        phase.done = 0;
+        assert_eq!(line(&phase), "  gather       0 %  0 links  0/s  ETA unknown");
     }
 }
