@@ -72,3 +72,18 @@ fn a_group_that_does_not_fit_is_refused_before_it_is_solved_and_is_solved_with_m
     assert_eq!(finish(&mut run(dir.path(), &[])).0, 0, "the group that was refused is free");
     assert_sound(&dir.path().join("rooms.clr"));
 }
+
+#[test]
+fn a_graph_of_clusters_that_does_not_fit_is_refused_with_the_memory_that_would_do() {
+    let dir = scene();
+    assert_eq!(finish(&mut run(dir.path(), &["--max-iterations", "1"])).0, 3);
+    let group = |memory: &str| {
+        let args = ["partition", "rooms.clr", "--groups", "3", "--memory", memory];
+        let out = clerestory().current_dir(dir.path()).args(args).output().unwrap();
+        (out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    let (code, said) = group("8M");
+    assert_eq!(code, Some(14), "{said}");
+    assert!(said.contains("pairs of clusters needs 17 MiB, over the limit of 8 MiB"), "{said}");
+    assert_eq!(group("17M").0, Some(0), "what the error asks for is enough");
+}

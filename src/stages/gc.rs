@@ -51,12 +51,13 @@ pub fn plan(store: &Store, options: &Options) -> Result<Plan> {
     Ok(Plan { keep: options.keep })
 }
 
-/// Rows first, then whole files, then tails of files.
+/// Rows first, then whole files, then files that are mostly garbage, then tails of files.
 pub fn execute(store: &Store, plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
     progress.begin("remove", "versions", None);
     let versions_removed = store.forget_old_versions(plan.keep)?;
     progress.at(versions_removed);
     let mut bytes_freed = store.drop_unreferenced_segments()?;
+    bytes_freed += store.compact_segments()?;
     bytes_freed += store.truncate_segments()?;
     store.checkpoint()?;
     let next = Some(format!("clerestory status {}", store.dir().display()));
@@ -101,5 +102,41 @@ mod tests {
         assert!(store.version(5).unwrap().unwrap().residual.is_some(), "figures stay");
         let again = execute(&store, &Plan { keep: 3 }, &Quiet).unwrap();
         assert_eq!((again.versions_removed, again.bytes_freed), (0, 0));
+    }
+
+    #[test]
+    fn what_is_in_use_of_a_file_that_is_mostly_garbage_moves_and_the_file_goes() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 7);
+        fixture::partition(&store, 3);
+        // Group 0 never changes again: its rows, and with them the file, stay those of version 1.
+        for i in 1..=4u8 {
+            let mut worker = Worker::start(&store).unwrap();
+            let iteration = store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap();
+            while let Some(lease) = store.claim(&iteration, &worker, &mut fixture::first).unwrap() {
+                let irradiance = if lease.group == 0 { 1 } else { i };
+                assert!(fixture::solve(&store, &lease, &mut worker, f32::from(irradiance)));
+            }
+            drop(worker);
+            merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+        }
+        let files = |word: &str| {
+            let names = std::fs::read_dir(dir.path().join("segments")).unwrap();
+            names.filter(|f| f.as_ref().unwrap().file_name().to_str().unwrap().contains(word)).count()
+        };
+        let bytes = || -> Vec<Vec<u8>> {
+            let snapshot = Snapshot::at(&store, 4).unwrap();
+            (0..7).map(|c| snapshot.need(ExtentKind::Radiosity, ClusterId(c)).unwrap().payload().to_vec()).collect()
+        };
+        let before = bytes();
+        assert_eq!(files("update"), 4);
+        let somebody = Store::open(dir.path(), std::time::Duration::ZERO).unwrap();
+        execute(&store, &Plan { keep: 1 }, &Quiet).unwrap();
+        assert_eq!((files("update"), files("compact")), (2, 0), "another process may read it");
+        drop(somebody);
+        execute(&store, &Plan { keep: 1 }, &Quiet).unwrap();
+        assert_eq!((files("update"), files("compact")), (1, 1));
+        assert_eq!(execute(&store, &Plan { keep: 1 }, &Quiet).unwrap().bytes_freed, 0, "there is nothing left to move");
+        assert!(bytes() == before);
     }
 }

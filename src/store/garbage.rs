@@ -1,13 +1,16 @@
-//! Taking away what nobody reads: rows first, then whole files, then tails of files.
+//! Taking away what nobody reads: rows first, then whole files, then files that are mostly garbage,
+//! then tails of files.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use rusqlite::Transaction;
+use rusqlite::{Transaction, params};
 
-use super::Store;
+use super::extent_header::HEADER_BYTES;
 use super::locks::{self, PublishLock};
+use super::{ExtentRef, SegmentWriter, Store};
 use crate::base::{Error, Result};
+use crate::model::ExtentKind;
 
 /// Every column that names a segment, as (table, column).
 const REFERENCES: [(&str, &str); 10] = [
@@ -22,6 +25,16 @@ const REFERENCES: [(&str, &str); 10] = [
     ("cluster_links", "segment"),
     ("updates", "segment"),
 ];
+
+/// Tables of rows, by cluster and version, whose extents can be moved, and what those hold.
+const MOVABLE: [(&str, ExtentKind); 3] = [
+    ("cluster_states", ExtentKind::Radiosity),
+    ("cluster_links", ExtentKind::Links),
+    ("cluster_materials", ExtentKind::Materials),
+];
+
+/// Extents moved in one transaction.
+const BATCH: usize = 1024;
 
 /// The segments whose bytes some row names.
 fn referenced(tx: &Transaction<'_>) -> Result<Vec<u32>> {
@@ -45,18 +58,96 @@ impl Store {
         Ok(bytes)
     }
 
-    /// Cuts off what lies behind the published bytes of segment files that nobody writes, if no other
+    /// Moves what is in use out of segment files that are mostly garbage, and unlinks those, if no other
     /// process has the store open; returns the bytes freed.
-    pub fn truncate_segments(&self) -> Result<u64> {
+    pub fn compact_segments(&self) -> Result<u64> {
+        self.alone(|| {
+            let sparse = self.sparse_segments()?;
+            if sparse.is_empty() {
+                return Ok(0);
+            }
+            let mut writer = SegmentWriter::create(self, "compact")?;
+            for (table, kind) in MOVABLE {
+                let mut after = (-1, -1);
+                while let Some(last) = self.move_rows(table, kind, &sparse, after, &mut writer)? {
+                    after = last;
+                }
+            }
+            let written = writer.bytes();
+            drop(writer);
+            self.mappings.borrow_mut().clear();
+            Ok(self.drop_unreferenced_segments()?.saturating_sub(written))
+        })
+    }
+
+    /// Numbers of the segments less than half of which is in use, all of it by rows that can be moved.
+    fn sparse_segments(&self) -> Result<Vec<String>> {
+        let used: Vec<String> =
+            MOVABLE.iter().map(|(table, _)| format!("SELECT segment, bytes FROM {table}")).collect();
+        let sql = format!(
+            "SELECT s.id FROM segments s JOIN ({}) u ON u.segment = s.id
+             WHERE s.purpose IN ('update', 'compact') AND s.id NOT IN (SELECT segment FROM updates)
+             GROUP BY s.id HAVING 2 * sum(u.bytes + {HEADER_BYTES}) < s.published_bytes",
+            used.join(" UNION ALL ")
+        );
+        let mut query = self.connection().prepare(&sql)?;
+        let ids = query.query_map([], |r| r.get::<_, u32>(0).map(|id| id.to_string()))?;
+        Ok(ids.collect::<std::result::Result<_, _>>()?)
+    }
+
+    /// Moves the next extents of a table that lie in `sparse`; gives the last row, or none at the end.
+    fn move_rows(
+        &self,
+        table: &str,
+        kind: ExtentKind,
+        sparse: &[String],
+        after: (i64, i64),
+        writer: &mut SegmentWriter,
+    ) -> Result<Option<(i64, i64)>> {
+        let mut query = self.connection().prepare(&format!(
+            "SELECT segment, offset, bytes, cluster, version FROM {table}
+             WHERE (cluster, version) > (?1, ?2) AND segment IN ({}) ORDER BY cluster, version LIMIT {BATCH}",
+            sparse.join(", ")
+        ))?;
+        let rows = query.query_map(params![after.0, after.1], |r| {
+            Ok((ExtentRef::from_row(r, 0)?, r.get::<_, i64>(3)?, r.get::<_, i64>(4)?))
+        })?;
+        let mut moved = Vec::new();
+        for row in rows {
+            let (at, cluster, version) = row?;
+            let extent = self.extent(at, kind)?;
+            moved.push((writer.append(kind, extent.header().cluster, extent.payload())?, cluster, version));
+        }
+        writer.sync()?;
+        self.write(|tx| {
+            let mut put = tx.prepare(&format!(
+                "UPDATE {table} SET segment = ?1, offset = ?2, bytes = ?3 WHERE cluster = ?4 AND version = ?5"
+            ))?;
+            for (to, cluster, version) in &moved {
+                put.execute(params![to.segment, to.offset, to.bytes, cluster, version])?;
+            }
+            writer.publish(tx)
+        })?;
+        Ok(moved.last().map(|(_, cluster, version)| (*cluster, *version)))
+    }
+
+    /// Works on segment files while no other process has the store open; 0 if one has.
+    fn alone(&self, work: impl FnOnce() -> Result<u64>) -> Result<u64> {
         let path = self.dir().join(locks::READERS);
         self.mappings.borrow_mut().clear();
         // Our own shared lock becomes exclusive, or we are not alone.
         self.readers().unlock().map_err(|e| Error::io(&path, &e))?;
-        let alone = locks::try_exclusive(self.readers(), &path)?;
-        let freed = if alone { self.cut_tails() } else { Ok(0) };
+        let freed = if locks::try_exclusive(self.readers(), &path)? { work() } else { Ok(0) };
+        self.mappings.borrow_mut().clear();
         self.readers().unlock().map_err(|e| Error::io(&path, &e))?;
         self.readers().lock_shared().map_err(|e| Error::io(&path, &e))?;
         freed
+    }
+
+    /// Cuts off what lies behind the published bytes of segment files that nobody writes, if no other
+    /// process has the store open; returns the bytes freed.
+    pub fn truncate_segments(&self) -> Result<u64> {
+        self.alone(|| self.cut_tails())
     }
 
     fn cut_tails(&self) -> Result<u64> {
