@@ -137,7 +137,7 @@ mod tests {
         // More links than a piece holds, an empty row, sources that rows share.
         let long: Vec<Link> = (0..5000).map(|i| link(9000 - i, i as f32)).collect();
         let short = [link(7, 0.5), link(8999, 0.75)];
-        let closure = [LeafClosure { own_factor: 0.5, ..bytemuck::Zeroable::zeroed() }; 3];
+        let closure = [LeafClosure { own_scale: 0.5, ..bytemuck::Zeroable::zeroed() }; 3];
         let rows = vec![(NodeName(1), long.as_slice()), (NodeName(2), &[][..]), (NodeName(5), &short)];
         let extent = LinkExtent::new(true, rows, &closure);
         let at = extent.write(ClusterId(4), &mut writer).unwrap();

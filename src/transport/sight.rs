@@ -203,6 +203,9 @@ struct Cells {
     areas: Vec<f64>,
 }
 
+/// Most parts: a source that is much larger than its distance.
+const MOST_CELLS: usize = 64;
+
 /// Share of the rays that is spread by area alone.
 const BY_AREA: f64 = 0.25;
 
@@ -210,7 +213,7 @@ impl Cells {
     fn new(r: &Node, s: &Node) -> Self {
         let mut shapes = vec![s.shape];
         let distance = r.shape.centre().distance(s.shape.centre());
-        let levels = [1.0, 0.25].iter().filter(|far| distance < *far * s.shape.radius()).count();
+        let levels = [1.0, 0.25, 0.06].iter().filter(|far| distance < *far * s.shape.radius()).count();
         for _ in 0..levels {
             shapes = shapes.iter().flat_map(|shape| (0..4).map(|q| quadtree::child(shape, q))).collect();
         }
@@ -224,7 +227,7 @@ impl Cells {
         if let [whole] = self.shapes.as_slice() {
             return (whole.point(c, d), 1.0);
         }
-        let mut seen = [0.0; 16];
+        let mut seen = [0.0; MOST_CELLS];
         for (seen, shape) in seen.iter_mut().zip(&self.shapes) {
             *seen = form_factor::at_point(from, r.normal, shape, s.normal);
         }
@@ -259,7 +262,7 @@ fn sample(
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.
-    let softening = 2e-3 * s.shape.area();
+    let softening = 2e-3 * s.shape.area() / cells.shapes.len() as f64;
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally::default();
     let mut open = Mean::default();
