@@ -2,7 +2,7 @@
 //! decoded to positions in a cache of bounded bytes; or, with `--links discard`, made again whenever
 //! they have dropped out of it.
 
-use std::rc::Rc;
+use std::collections::HashMap;
 
 use lru::LruCache;
 
@@ -137,10 +137,14 @@ impl<'s> LinkStore<'_, 's> {
     }
 }
 
-/// Links within the group, decoded; the least recently used make room.
+/// Links within the group, decoded; the least recently used make room. A member's links are counted when
+/// they are first streamed and held from the second time on: so room is made before, and no more is taken
+/// than they need.
 pub struct GroupLinks<'a, 's> {
     store: &'a LinkStore<'a, 's>,
-    cache: LruCache<usize, Rc<Vec<InnerLink>>>,
+    cache: LruCache<usize, Vec<InnerLink>>,
+    /// Links of members streamed before.
+    counts: HashMap<usize, usize>,
     bytes: u64,
     limit_bytes: u64,
     reused: u64,
@@ -152,7 +156,7 @@ impl<'a, 's> GroupLinks<'a, 's> {
     #[must_use]
     pub fn new(store: &'a LinkStore<'a, 's>, limit_bytes: u64) -> Self {
         let cache = LruCache::unbounded();
-        Self { store, cache, bytes: 0, limit_bytes, reused: 0, recomputed: 0 }
+        Self { store, cache, counts: HashMap::new(), bytes: 0, limit_bytes, reused: 0, recomputed: 0 }
     }
 
     /// Links used again without being evaluated again.
@@ -166,41 +170,69 @@ impl<'a, 's> GroupLinks<'a, 's> {
     pub fn recomputed(&self) -> u64 {
         self.recomputed
     }
+
+    /// Room for a member's links, if they may be held.
+    fn room(&mut self, index: usize) -> Option<Vec<InnerLink>> {
+        // Links that would have to be made again are worth holding at once.
+        let count = if self.store.keep { *self.counts.get(&index)? } else { 0 };
+        let needed = bytes_of(count);
+        if needed > self.limit_bytes {
+            return None;
+        }
+        self.make_room(needed);
+        Some(Vec::with_capacity(count))
+    }
+
+    fn make_room(&mut self, needed: u64) {
+        while self.bytes + needed > self.limit_bytes {
+            let Some((_, dropped)) = self.cache.pop_lru() else { break };
+            self.bytes -= bytes_of(dropped.capacity());
+        }
+    }
 }
 
-fn weight(links: &[InnerLink]) -> u64 {
-    size_of_val(links) as u64
+fn bytes_of(links: usize) -> u64 {
+    (links * size_of::<InnerLink>()) as u64
 }
 
 impl InnerLinks for GroupLinks<'_, '_> {
-    fn of(&mut self, index: usize, members: &[Member]) -> Result<Rc<Vec<InnerLink>>> {
+    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
         if let Some(known) = self.cache.get(&index) {
             self.reused += known.len() as u64;
-            return Ok(known.clone());
+            known.iter().for_each(visit);
+            return Ok(());
         }
-        let mut links = Vec::new();
+        let mut held = self.room(index);
+        let mut count = 0;
         let elements = &members[index].mesh.elements;
         self.store.visit(index, members, |table, receiver, source, link| {
             if let Some(source) = table.inside(source)
                 && link.form_factor > 0.0
             {
                 let error = closure::error(link, elements[receiver].is_leaf()) as f32;
-                links.push(InnerLink { receiver: receiver as u32, source, form_factor: link.form_factor, error });
+                let link = InnerLink { receiver: receiver as u32, source, form_factor: link.form_factor, error };
+                count += 1;
+                visit(&link);
+                if let Some(held) = &mut held {
+                    held.push(link);
+                }
             }
         })?;
+        self.counts.insert(index, count);
         if self.store.keep {
-            self.reused += links.len() as u64;
+            self.reused += count as u64;
         } else {
-            self.recomputed += links.len() as u64;
+            self.recomputed += count as u64;
         }
-        links.shrink_to_fit();
-        let links = Rc::new(links);
-        self.bytes += weight(&links);
-        self.cache.put(index, links.clone());
-        while self.bytes > self.limit_bytes {
-            let Some((_, dropped)) = self.cache.pop_lru() else { break };
-            self.bytes -= weight(&dropped);
+        if let Some(mut links) = held {
+            links.shrink_to_fit();
+            let needed = bytes_of(links.capacity());
+            self.make_room(needed);
+            if needed <= self.limit_bytes {
+                self.bytes += needed;
+                self.cache.put(index, links);
+            }
         }
-        Ok(links)
+        Ok(())
     }
 }

@@ -13,8 +13,8 @@ use crate::model::links::LeafClosure;
 use crate::model::report::TaskReport;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
-use crate::store::SegmentWriter;
 use crate::store::tasks::UpdateRow;
+use crate::store::{SegmentWriter, segment};
 use crate::transport::closure::{self, Row};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::mesh::Mesh;
@@ -87,14 +87,20 @@ impl<'a, 's> GroupSolver<'a, 's> {
             report.links_evaluated += refined.counts.evaluated;
             report.links_reused += refined.counts.reused;
             report.rays += refined.counts.rays;
-            report.links_stored += refined.rows.iter().map(|r| r.len() as u64).sum::<u64>();
+            let links: usize = refined.rows.iter().map(Vec::len).sum();
+            report.links_stored += links as u64;
             if self.settings.keep_links && refined.stored_changed {
                 rows.push(write_links(id, &refined, writer)?);
             }
-            let member = member(self.set, id, refined.mesh, &refined.closure, first)?;
+            let Refined { mesh, rows: written, closure, .. } = refined;
+            let member = member(self.set, id, mesh, &closure, first)?;
             first += member.mesh.elements.len();
             members.push(member);
-            closures.push(refined.closure);
+            closures.push(closure);
+            drop(written);
+            if links * size_of::<Link>() > MANY_LINKS_BYTES {
+                segment::give_back_freed_memory();
+            }
             self.progress.at(done as u64 + 1);
         }
         // New links are read back through the mapping, like old ones.
@@ -214,6 +220,9 @@ impl<'a, 's> GroupSolver<'a, 's> {
         Ok(())
     }
 }
+
+/// Links of one cluster that are worth giving back at once.
+const MANY_LINKS_BYTES: usize = 4 << 20;
 
 /// Writes a cluster's links: the rows that changed behind the chain they came from, or all rows anew
 /// where there is no chain or more than half of it would be garbage.

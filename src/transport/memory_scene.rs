@@ -224,19 +224,18 @@ impl MemoryScene {
 struct AllLinks<'a>(&'a [Vec<(NodeName, Vec<Link>)>]);
 
 impl InnerLinks for AllLinks<'_> {
-    fn of(&mut self, index: usize, members: &[Member]) -> Result<Rc<Vec<InnerLink>>> {
-        let mut list = Vec::new();
+    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
         for (name, row) in &self.0[index] {
             let receiver = members[index].mesh.nearest(*name) as u32;
+            let is_leafs = members[index].mesh.elements[receiver as usize].is_leaf();
             for link in row {
                 let member = &members[link.source.cluster().0 as usize];
                 let source = (member.first + member.mesh.nearest(link.source)) as u32;
-                let is_leafs = members[index].mesh.elements[receiver as usize].is_leaf();
                 let error = closure::error(link, is_leafs) as f32;
-                list.push(InnerLink { receiver, source, form_factor: link.form_factor, error });
+                visit(&InnerLink { receiver, source, form_factor: link.form_factor, error });
             }
         }
-        Ok(Rc::new(list))
+        Ok(())
     }
 }
 

@@ -97,7 +97,6 @@ impl<'a> Receiver<'a> {
         }
         for row in &mut self.rows {
             row.sort_by_key(|l| l.source);
-            // Rows grow by doubling; until they are written they are most of what a task holds.
             row.shrink_to_fit();
         }
         Ok(())
@@ -219,7 +218,12 @@ impl<'a> Receiver<'a> {
     }
 
     fn keep(&mut self, at: usize, source: NodeName, sight: &Sight) {
-        self.rows[at].push(Link {
+        let row = &mut self.rows[at];
+        if row.len() == row.capacity() {
+            // Rows are most of what a task holds: they do not grow by doubling.
+            row.reserve_exact((row.len() / 8).max(4));
+        }
+        row.push(Link {
             source,
             form_factor: sight.form_factor as f32,
             spread: sight.spread as f32,
@@ -311,6 +315,7 @@ impl<'a> Receiver<'a> {
                 }
             }
             // New links of this row went in while it was out.
+            kept.reserve_exact(self.rows[at].len());
             kept.append(&mut self.rows[at]);
             self.rows[at] = kept;
         }

@@ -1,8 +1,6 @@
 //! Group relaxation: light from outside the group is gathered once, light between its clusters is
 //! iterated to convergence.
 
-use std::rc::Rc;
-
 use super::mesh::Mesh;
 use super::push_pull::{Factors, Gathered, push_pull};
 use crate::base::{Error, Progress, Result, Rgb};
@@ -47,8 +45,8 @@ pub struct InnerLink {
 
 /// Gives a member's links within the group; decoded anew or from a bounded cache, always the same.
 pub trait InnerLinks {
-    /// Links of member `index`, in the order of the store.
-    fn of(&mut self, index: usize, members: &[Member]) -> Result<Rc<Vec<InnerLink>>>;
+    /// Visits the links of member `index`, in the order of the store.
+    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()>;
 }
 
 /// When to stop.
@@ -97,17 +95,16 @@ pub fn relax(
             if progress.interrupted() {
                 return Err(Error::Interrupted);
             }
-            let list = links.of(index, members)?;
-            let member = &mut members[index];
-            let mut gathered = member.external.clone();
-            for link in list.iter() {
+            let mut gathered = members[index].external.clone();
+            links.each(index, members, &mut |link| {
                 gathered[link.receiver as usize].add(
                     radiosity[link.source as usize],
                     f64::from(link.form_factor),
                     f64::from(link.error),
                 );
-            }
-            done.links += list.len() as u64;
+                done.links += 1;
+            })?;
+            let member = &mut members[index];
             let before: Vec<Rgb> = member.mesh.elements.iter().map(|e| e.irradiance).collect();
             push_pull(&mut member.mesh, &gathered, &member.factors);
             for (at, old) in before.iter().enumerate() {
