@@ -22,13 +22,15 @@ use crate::transport::source::{Clusters, Loaded};
 struct Rows {
     rows: Vec<(NodeName, Vec<Link>)>,
     closure: Vec<LeafClosure>,
+    /// At most so many bytes of links.
+    bytes: usize,
 }
 
 /// Share of what arrives that a source's unresolved light may make up at a point.
 pub const SOURCE_SHARE: f64 = 0.02;
 
-/// Clusters whose links are held: points come in runs.
-const HELD: std::num::NonZeroUsize = std::num::NonZeroUsize::new(8).expect("not 0");
+/// Bytes of links that are held, of one cluster at least: points come in runs.
+const HELD_BYTES: usize = 32 << 20;
 
 /// Gathers at points of surfaces.
 pub struct PointLight<'a, 's> {
@@ -38,6 +40,7 @@ pub struct PointLight<'a, 's> {
     allowed_w_m2: f64,
     min_element_m: f64,
     held: LruCache<u32, Rc<Rows>>,
+    held_bytes: usize,
     /// Rays cast so far.
     pub rays: u64,
 }
@@ -47,7 +50,7 @@ impl<'a, 's> PointLight<'a, 's> {
     /// does not matter.
     #[must_use]
     pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64, min_element_m: f64) -> Self {
-        Self { set, scene, allowed_w_m2, min_element_m, held: LruCache::new(HELD), rays: 0 }
+        Self { set, scene, allowed_w_m2, min_element_m, held: LruCache::unbounded(), held_bytes: 0, rays: 0 }
     }
 
     /// The leaf element that holds a point of a patch side.
@@ -112,12 +115,18 @@ impl<'a, 's> PointLight<'a, 's> {
         }
         let chain = LinkStore::chain(self.set, id, None)?;
         let views = chain.views()?;
+        let bytes = views.iter().map(|v| v.packed.len()).sum::<usize>() * size_of::<Link>();
+        while self.held_bytes + bytes > HELD_BYTES {
+            let Some((_, dropped)) = self.held.pop_lru() else { break };
+            self.held_bytes -= dropped.bytes;
+        }
+        self.held_bytes += bytes;
         let mut rows = Vec::new();
         link_rows::for_each_row(&views, |name, view, range| {
             rows.push((name, range.map(|i| link_rows::link_at(view, i)).collect()));
         });
         let closure = views.last().map_or_else(Vec::new, |newest| newest.closure.to_vec());
-        let rows = Rc::new(Rows { rows, closure });
+        let rows = Rc::new(Rows { rows, closure, bytes });
         self.held.put(id.0, rows.clone());
         Ok(rows)
     }
