@@ -83,10 +83,5 @@ if [ "$part" != bytes ]; then
     for groups in 1 4 16; do near "groups_$groups" --groups "$groups"; done
     for method in split region random; do near "partition_$method" --partition "$method"; done
     for order in replace sequential; do near "order_$order" --order "$order"; done
-    # Points then get the value of their element: leaves are compared.
-    solve discarded_links --links discard
-    "$CLERESTORY" export discarded_links.clr -o discarded_links.csv -q
-    said=$("$here/nrms.py" reference.csv reference.csv discarded_links.csv "$tolerance")
-    verdict "discarded_links, at the leaves: $said, limit $tolerance"
 fi
 exit $failed
