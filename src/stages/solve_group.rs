@@ -279,7 +279,8 @@ fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &
     for &id in clusters {
         let light = set.snapshot().place(ExtentKind::Radiosity, id)?.map_or(0, |at| at.bytes);
         elements += light / size_of::<ElementLight>() as u64;
-        links = links.max(set.snapshot().links_bytes(id)?);
+        // Up to half of a chain is garbage: no group that fits is refused.
+        links = links.max(set.snapshot().links_bytes(id)? / 2);
     }
     // Links are cached once all clusters are refined.
     let links = ((links as f64 * LINKS_IN_MEMORY) as u64).max(plan.options.link_cache_bytes);
