@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::form_factor;
 use super::link_rows::Link;
 use super::refine::DIM;
-use super::sight;
+use super::sight::{self, UNANIMOUS};
 use super::source::ClusterView;
 use crate::base::Rgb;
 use crate::geom::polygon::Polygon;
@@ -67,9 +67,6 @@ const POINT_SHARE: f64 = 0.1;
 /// Rays to a part of a source whose visibility is partial, and how often it may be quartered.
 const RAYS: u64 = 16;
 const MOST_DEPTH: u32 = 5;
-
-/// Share that n agreeing rays may have missed, times n.
-const UNANIMOUS: f64 = 0.15;
 
 /// Relative error of a point's form factor to a polygon that it sees whole.
 const FLOOR: f64 = 1e-6;

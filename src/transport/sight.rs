@@ -116,7 +116,7 @@ pub fn is_smallest(node: &Node, min_element_m: f64) -> bool {
 }
 
 /// Share that n agreeing rays may have missed, times n: a quarter of what they are expected to.
-const UNANIMOUS: f64 = 0.15;
+pub const UNANIMOUS: f64 = 0.15;
 
 /// Shares of visible rays, whole and per quarter of the receiver.
 #[derive(Default)]
