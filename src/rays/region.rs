@@ -5,10 +5,13 @@
 //! that holds their anchor, as receivers and as sources. What lies on the far side of the wall is
 //! another element's to tell: the anchor lies anywhere, so on average nothing is lost to either side.
 
+use std::cell::RefCell;
+
 use glam::DVec3;
 
 use super::node::Node;
 use super::scene::RayScene;
+use crate::base::NodeName;
 use crate::geom::bounds::Bounds;
 use crate::geom::sequence::mix;
 
@@ -17,6 +20,56 @@ use crate::geom::sequence::mix;
 pub struct Region {
     anchor: DVec3,
     lifts: [DVec3; 2],
+}
+
+/// Which nodes walls stand on, asked over and over while links are made: of the smallest elements and of
+/// bright sources for every link.
+pub struct Cuts<'a> {
+    scene: RayScene<'a>,
+    min_element_m: f64,
+    /// By a hash of the name; a newer one takes the place of an older.
+    known: RefCell<Vec<(NodeName, bool)>>,
+}
+
+const KNOWN: usize = 1 << 15;
+
+impl<'a> Cuts<'a> {
+    /// Nothing known yet. No element edge is below `min_element_m`.
+    #[must_use]
+    pub fn new(scene: RayScene<'a>, min_element_m: f64) -> Self {
+        Self { scene, min_element_m, known: RefCell::new(vec![(NodeName::ESCAPE, false); KNOWN]) }
+    }
+
+    /// What rays can meet.
+    #[must_use]
+    pub fn scene(&self) -> &RayScene<'a> {
+        &self.scene
+    }
+
+    /// No element edge is below this, m.
+    #[must_use]
+    pub fn min_element_m(&self) -> f64 {
+        self.min_element_m
+    }
+
+    /// See the function of that name.
+    #[must_use]
+    pub fn is_cut(&self, node: &Node) -> bool {
+        let slot = mix(node.name.0) as usize % KNOWN;
+        let known = self.known.borrow()[slot];
+        if known.0 == node.name {
+            return known.1;
+        }
+        let is_cut = is_cut(&self.scene, node, self.min_element_m);
+        self.known.borrow_mut()[slot] = (node.name, is_cut);
+        is_cut
+    }
+
+    /// The part that stands for a node; `None` if nothing cuts it.
+    #[must_use]
+    pub fn region(&self, node: &Node) -> Option<Region> {
+        self.is_cut(node).then(|| Region::round_anchor(&self.scene, node, self.min_element_m))
+    }
 }
 
 /// Height above an element, as a share of the smallest element's edge, up to which a wall that does not
@@ -34,13 +87,15 @@ impl Region {
     /// The part of `node` round its anchor; `None` if nothing cuts the element.
     #[must_use]
     pub fn of(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Option<Self> {
-        is_cut(scene, node, min_element_m).then(|| {
-            // Anywhere, by the name: so each part stands for as many elements as it takes up of their area.
-            let bits = mix(node.name.0);
-            let share = |bits: u64| 0.02 + 0.96 * (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
-            let anchor = node.shape.point(share(bits), share(bits >> 32));
-            Self { anchor, lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
-        })
+        is_cut(scene, node, min_element_m).then(|| Self::round_anchor(scene, node, min_element_m))
+    }
+
+    fn round_anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Self {
+        // Anywhere, by the name: so each part stands for as many elements as it takes up of their area.
+        let bits = mix(node.name.0);
+        let share = |bits: u64| 0.02 + 0.96 * (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
+        let anchor = node.shape.point(share(bits), share(bits >> 32));
+        Self { anchor, lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
     }
 
     /// Whether a point of the element lies in the part.

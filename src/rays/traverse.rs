@@ -7,6 +7,7 @@
 use glam::{DVec3, Vec3A};
 
 use super::scene::{PatchKey, RayScene};
+use super::shaft::Blockers;
 use crate::geom::bounds::Bounds;
 use crate::model::rays::{RayNode, RayPatch};
 
@@ -81,26 +82,30 @@ impl Ray {
         (near <= far).then_some(near)
     }
 
-    /// Distance to the plane of triangle `a b c` where the ray crosses the triangle.
-    #[inline]
-    fn crosses(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
-        let side = |p: DVec3, q: DVec3| self.along.dot(p.cross(q));
-        let (u, v, w) = (side(a, b), side(b, c), side(c, a));
-        let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-        if !inside {
-            return None;
-        }
-        let normal = (b - a).cross(c - a);
-        let speed = normal.dot(self.along);
-        (speed != 0.0).then(|| normal.dot(a) / speed)
-    }
-
-    /// Distance to a patch: corners are taken relative to the ray's start.
+    /// Distance to a patch where the ray crosses it: corners are taken relative to the ray's start.
     #[inline]
     fn meets(&self, patch: &RayPatch) -> Option<f64> {
         let corner = |i: usize| DVec3::from_array(patch.corners_m[i].map(f64::from)) - self.from;
+        let side = |p: DVec3, q: DVec3| self.along.dot(p.cross(q));
+        let inside = |u: f64, v: f64, w: f64| (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
         let (a, b, c) = (corner(0), corner(1), corner(2));
-        self.crosses(a, b, c).or_else(|| if patch.corner_count == 4 { self.crosses(a, c, corner(3)) } else { None })
+        let diagonal = side(c, a);
+        if inside(side(a, b), side(b, c), diagonal) {
+            return self.distance(a, b, c);
+        }
+        if patch.corner_count < 4 {
+            return None;
+        }
+        let d = corner(3);
+        // The mirrored order of the products gives exactly the negative.
+        if inside(-diagonal, side(c, d), side(d, a)) { self.distance(a, c, d) } else { None }
+    }
+
+    /// Distance to the plane of a triangle.
+    fn distance(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
+        let normal = (b - a).cross(c - a);
+        let speed = normal.dot(self.along);
+        (speed != 0.0).then(|| normal.dot(a) / speed)
     }
 }
 
@@ -166,28 +171,36 @@ impl RayScene<'_> {
         })
     }
 
-    /// Whether anything lies between two points on two patches; neither patch counts.
+    /// Whether anything lies between two points on two patches; neither patch counts. `among`: all that may.
     #[must_use]
-    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
+    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd, among: &Blockers<'_>) -> bool {
         let ray = Ray::new(from, to - from, self.reach_m);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
-        let mut blocked = false;
-        self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
+        let blocks = |cluster: u32, patch: &RayPatch, t: f64| {
             let key = PatchKey { cluster, patch: patch.patch };
             if key == start.key || key == end.key {
                 return false;
             }
-            blocked = if t <= before
+            if t <= before
                 && let Some(covers) = self.covers(ray.along, t, start, cluster, patch, true)
             {
-                covers
-            } else if t >= 1.0 - after
+                return covers;
+            }
+            if t >= 1.0 - after
                 && let Some(covers) = self.covers(ray.along, 1.0 - t, end, cluster, patch, false)
             {
-                covers
-            } else {
-                t > 0.0 && t < 1.0
-            };
+                return covers;
+            }
+            t > 0.0 && t < 1.0
+        };
+        if let Some(among) = among {
+            return among.iter().any(|(cluster, patch)| {
+                ray.meets(patch).is_some_and(|t| t >= -before && t <= 1.0 + after && blocks(*cluster, patch, t))
+            });
+        }
+        let mut blocked = false;
+        self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
+            blocked = blocks(cluster, patch, t);
             blocked
         });
         blocked

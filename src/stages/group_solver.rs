@@ -11,8 +11,8 @@ use crate::base::{ClusterId, NodeName, Progress, Result, Rgb};
 use crate::model::ExtentKind;
 use crate::model::links::LeafClosure;
 use crate::model::report::TaskReport;
-use crate::rays::RayScene;
 use crate::rays::node::Node;
+use crate::rays::region::Cuts;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
 use crate::transport::closure::{self, Row};
@@ -66,8 +66,8 @@ struct Refined {
 pub struct GroupSolver<'a, 's> {
     /// The version that is read.
     pub set: &'a WorkingSet<'s>,
-    /// What rays can meet.
-    pub scene: RayScene<'a>,
+    /// What rays can meet, and what walls stand on.
+    pub cuts: Cuts<'a>,
     /// What shapes the result.
     pub settings: Settings,
     /// Where to report.
@@ -134,7 +134,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             }
         }
         let context = Context {
-            scene: self.scene,
+            cuts: &self.cuts,
             clusters: self.set,
             tolerances: self.settings.tolerances,
             seed: self.settings.seed,
@@ -153,7 +153,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
                 Some(stored) => f64::from(stored.measured_escape),
                 None if head.escape > 0.0 => {
                     let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
-                    closure::measure_escape(&self.scene, &node, escape_rays, self.settings.seed, &mut counts.rays)
+                    closure::measure_escape(self.cuts.scene(), &node, escape_rays, self.settings.seed, &mut counts.rays)
                 }
                 None => 0.0,
             };

@@ -16,6 +16,7 @@ use crate::model::report::TaskReport;
 pub use crate::partition::schedule::Policy;
 use crate::partition::schedule::{self, Candidate};
 use crate::rays::RayScene;
+use crate::rays::region::Cuts;
 use crate::store::iterations::{Iteration, SolveSettings};
 use crate::store::stage_rows::hash;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
@@ -331,7 +332,8 @@ fn solve(
     let clusters = store.clusters_of(lease.group)?;
     require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
-    let solver = GroupSolver { set, scene, settings, progress };
+    let cuts = Cuts::new(scene, settings.tolerances.min_element_m);
+    let solver = GroupSolver { set, cuts, settings, progress };
     let mut solved = solver.solve(&clusters, &mut worker.segment)?;
     let after = resources();
     solved.report.peak_anon_bytes = after.peak_anon_bytes;

@@ -216,7 +216,7 @@ impl View<'_> {
             all += weight;
             squares += weight * weight;
             *rays += 1;
-            if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end) {
+            if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end, &None) {
                 visible += weight;
             }
         }

@@ -23,6 +23,7 @@ use crate::model::links::LeafClosure;
 use crate::model::rays::{ClusterRef, TopRaysView};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
+use crate::rays::region::Cuts;
 
 /// One cluster of one polygon.
 struct Stored {
@@ -137,8 +138,9 @@ impl MemoryScene {
             for (name, row) in std::mem::take(slot) {
                 rows[mesh.nearest(name)] = row;
             }
+            let cuts = Cuts::new(self.rays(), min_element_m);
             let context = Context {
-                scene: self.rays(),
+                cuts: &cuts,
                 clusters: self,
                 tolerances: Tolerances { row_w_m2, min_element_m },
                 seed: self.seed,
@@ -155,11 +157,8 @@ impl MemoryScene {
                 |leaf| {
                     let patch = &own.patches[usize::from(leaf.patch_side().patch)];
                     let node = Node::at(ClusterId(i as u32), patch, leaf);
-                    let escape = if open {
-                        closure::measure_escape(&context.scene, &node, 64, 1, &mut counts.rays)
-                    } else {
-                        0.0
-                    };
+                    let escape =
+                        if open { closure::measure_escape(cuts.scene(), &node, 64, 1, &mut counts.rays) } else { 0.0 };
                     Row {
                         escape,
                         escape_rays: 64,

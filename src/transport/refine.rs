@@ -6,15 +6,14 @@ use std::collections::HashSet;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::{self, Case, Tolerances, Verdict};
-use super::sight::{self, Care, Sight};
+use super::sight::{self, Care, Known, Sight};
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
-use crate::rays::RayScene;
 use crate::rays::node::Node;
-use crate::rays::region;
+use crate::rays::region::Cuts;
 
 /// Which sources are linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,8 +26,8 @@ pub enum Scope {
 
 /// What stays the same over a task.
 pub struct Context<'a> {
-    /// What rays can meet.
-    pub scene: RayScene<'a>,
+    /// What rays can meet, and what walls stand on.
+    pub cuts: &'a Cuts<'a>,
     /// The version that is read.
     pub clusters: &'a dyn Clusters,
     /// Errors that matter.
@@ -135,7 +134,7 @@ impl<'a> Receiver<'a> {
         if chosen.is_empty() {
             return Ok(());
         }
-        let slack = context.scene.snap_m() * 1e-3;
+        let slack = context.cuts.scene().snap_m() * 1e-3;
         for &id in visible {
             if context.progress.interrupted() {
                 return Err(Error::Interrupted);
@@ -155,7 +154,7 @@ impl<'a> Receiver<'a> {
                     if r.end.key == s.end.key || !r.faces(&s, slack) || !linked.insert((r_side, side_key(name))) {
                         continue;
                     }
-                    self.link(context, &view, r_side, r, &s, Visibility::Partial);
+                    self.link(context, &view, r_side, r, &s, &Known::stored(Visibility::Partial));
                 }
             }
         }
@@ -171,38 +170,39 @@ impl<'a> Receiver<'a> {
     }
 
     /// Links `r` (element `at` of the mesh) to `s`, as finely as the oracle asks for.
-    fn link(
+    fn link<'c>(
         &mut self,
-        context: &Context<'_>,
+        context: &Context<'c>,
         source_view: &ClusterView<'_>,
         at: usize,
         r: &Node,
         s: &Node,
-        known: Visibility,
+        known: &Known<'c>,
     ) {
         let source = source_view.source(s.name);
         self.find_out_whether_cut(context, at, r);
         let strength = self.strength(at, source.radiosity);
-        let may_be_sealed =
-            self.is_dim(at, source.radiosity) && region::is_cut(&context.scene, s, context.tolerances.min_element_m);
+        let may_be_sealed = self.is_dim(at, source.radiosity) && context.cuts.is_cut(s);
         let case = Case { may_be_sealed, ..self.case(at, r, s, Visibility::Partial) };
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
-            min_element_m: context.tolerances.min_element_m,
             one_region_source: case.may_be_sealed && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
         };
-        let Some(found) = sight::look(&context.scene, r, s, known, care, &mut self.counts.rays) else { return };
+        let Some((found, blockers)) = sight::look(context.cuts, r, s, known, care, &mut self.counts.rays) else {
+            return;
+        };
+        let below = Known { class: found.class, blockers };
         self.counts.evaluated += 1;
         let case = Case { source_variation: variation(r, s, found.class), ..case };
         match oracle::judge(&found, strength, &source, &case, &context.tolerances) {
             Verdict::Keep => self.keep(at, s.name, &found),
             Verdict::Withhold => self.keep(at, s.name, &found.without_light()),
-            Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, found.class),
+            Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, &below),
             Verdict::SplitSource => {
                 for quarter in 0..4 {
-                    self.link(context, source_view, at, r, &s.child(quarter), found.class);
+                    self.link(context, source_view, at, r, &s.child(quarter), &below);
                 }
             }
         }
@@ -213,7 +213,7 @@ impl<'a> Receiver<'a> {
             // What nothing cuts has no cut children.
             let above = self.mesh.elements[at].parent;
             let possible = above == NONE || self.cut[above as usize] != Some(false);
-            self.cut[at] = Some(possible && region::is_cut(&context.scene, r, context.tolerances.min_element_m));
+            self.cut[at] = Some(possible && context.cuts.is_cut(r));
         }
     }
 
@@ -233,14 +233,14 @@ impl<'a> Receiver<'a> {
         self.changed[at] = true;
     }
 
-    fn link_children(
+    fn link_children<'c>(
         &mut self,
-        context: &Context<'_>,
+        context: &Context<'c>,
         source_view: &ClusterView<'_>,
         at: usize,
         r: &Node,
         s: &Node,
-        known: Visibility,
+        known: &Known<'c>,
     ) {
         if self.mesh.elements[at].is_leaf() {
             let patch = &self.view.geometry.patches[usize::from(r.name.patch_side().patch)];
@@ -303,12 +303,12 @@ impl<'a> Receiver<'a> {
                     continue;
                 }
                 self.changed[at] = true;
-                let s = node(&view, link.source);
+                let (s, known) = (node(&view, link.source), Known::stored(link.class));
                 match verdict {
-                    Verdict::SplitReceiver => self.link_children(context, &view, at, &r, &s, link.class),
+                    Verdict::SplitReceiver => self.link_children(context, &view, at, &r, &s, &known),
                     Verdict::SplitSource => {
                         for quarter in 0..4 {
-                            self.link(context, &view, at, &r, &s.child(quarter), link.class);
+                            self.link(context, &view, at, &r, &s.child(quarter), &known);
                         }
                     }
                     Verdict::Keep | Verdict::Withhold => self.keep(at, link.source, &sight_of(&link).without_light()),
@@ -341,7 +341,7 @@ impl<'a> Receiver<'a> {
         }
         self.find_out_whether_cut(context, at, r);
         let s = node(view, link.source);
-        let may_be_sealed = dim && region::is_cut(&context.scene, &s, context.tolerances.min_element_m);
+        let may_be_sealed = dim && context.cuts.is_cut(&s);
         let case = Case { may_be_sealed, ..self.case(at, r, &s, link.class) };
         oracle::judge(&sight, strength, &source, &case, &context.tolerances)
     }
