@@ -19,10 +19,11 @@ use crate::transport::closure::{self, Row};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::mesh::Mesh;
 use crate::transport::oracle::Tolerances;
-use crate::transport::push_pull::{Factors, Gathered};
+use crate::transport::push_pull::{self, Gathered};
 use crate::transport::records;
 use crate::transport::refine::{Context, Counts, Receiver, Scope};
 use crate::transport::relax::{self, Inner, Member};
+use crate::transport::seal;
 use crate::transport::source::Loaded;
 
 /// What shapes a visit's result.
@@ -144,10 +145,12 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let (visible, head) = self.set.visible(id)?;
         let mut receiver = Receiver::new(view, mesh, rows);
         receiver.refine(&context, &visible)?;
+        let sealed = receiver.sealed_leaves(&context)?;
         let mut counts = receiver.counts;
         let patches = view.geometry.patches;
         let emits = |leaf: NodeName| view.materials[leaf.patch_side().index()].exitance != [0.0; 3];
-        let closure = closure::rows(&receiver.mesh, &receiver.rows, emits, |leaf| {
+        let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
+        let closure = closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, |leaf| {
             let escape_rays = closure::escape_rays(emits(leaf));
             let escape = match known.get(&leaf.0) {
                 Some(stored) => f64::from(stored.measured_escape),
@@ -158,7 +161,14 @@ impl<'a, 's> GroupSolver<'a, 's> {
                 None => 0.0,
             };
             let complete = self.settings.scope == Scope::Everything;
-            Row { escape, escape_rays, unseen: f64::from(head.missing), complete, ..Row::default() }
+            Row {
+                escape,
+                escape_rays,
+                unseen: f64::from(head.missing),
+                complete,
+                sealed: sealed.contains(&leaf),
+                ..Row::default()
+            }
         });
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
@@ -247,10 +257,7 @@ fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> 
 }
 
 fn member(set: &WorkingSet<'_>, id: ClusterId, mesh: Mesh, closure: &[LeafClosure], first: usize) -> Result<Member> {
-    let mut factors = vec![Factors::ONE; mesh.elements.len()];
-    for c in closure {
-        factors[mesh.nearest(NodeName(c.leaf))] = Factors::of(c);
-    }
+    let factors = push_pull::factors(&mesh, closure);
     let materials = set.mapped(id)?.view().materials.to_vec();
     Ok(Member { mesh, materials, external: Vec::new(), factors, first })
 }

@@ -8,6 +8,8 @@
 //! are too low), and the escape. Within a part it goes to each link by its standard error, so a lamp that
 //! is seen whole keeps its exact form factor.
 
+use bytemuck::Zeroable;
+
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use crate::base::NodeName;
@@ -54,6 +56,8 @@ pub struct Row {
     pub unseen: f64,
     /// Whether all that is seen has been linked; only then may a row be filled up.
     pub complete: bool,
+    /// Whether no light gets here.
+    pub sealed: bool,
 }
 
 /// Sums over links.
@@ -81,6 +85,25 @@ impl Sums {
             steepest: self.steepest.max(relative),
         }
     }
+
+    /// Of the same links, each multiplied by `factor`.
+    fn times(self, factor: f64) -> Self {
+        Self {
+            form_factor: self.form_factor * factor,
+            error: self.error * factor,
+            variance: self.variance * factor * factor,
+            ..self
+        }
+    }
+
+    fn plus(self, other: &Self) -> Self {
+        Self {
+            form_factor: self.form_factor + other.form_factor,
+            error: self.error + other.error,
+            variance: self.variance + other.variance,
+            steepest: self.steepest.max(other.steepest),
+        }
+    }
 }
 
 /// Error of a form factor's own rounding and averaging.
@@ -97,11 +120,13 @@ pub fn error(link: &Link, is_leafs: bool) -> f64 {
 }
 
 /// Closes the rows of all leaves of a mesh that see anything or emit (`emits`: their light may leave the
-/// model though none arrives); `measured` gives a leaf's escape, unseen mass and completeness.
+/// model though none arrives); `lift`: what links of each element that is no leaf are multiplied by for the
+/// leaves below; `measured` gives a leaf's escape, unseen mass and completeness.
 /// Ascending by name.
 pub fn rows(
     mesh: &Mesh,
     links: &[Vec<Link>],
+    lift: &[f64],
     emits: impl Fn(NodeName) -> bool,
     mut measured: impl FnMut(NodeName) -> Row,
 ) -> Vec<LeafClosure> {
@@ -110,7 +135,8 @@ pub fn rows(
     for (at, element) in mesh.elements.iter().enumerate() {
         if !element.is_leaf() {
             let first = element.first_child as usize;
-            let down = links[at].iter().fold(above[at], |sum, link| sum.with(link, false));
+            let own = links[at].iter().fold(Sums::default(), |sum, link| sum.with(link, false));
+            let down = above[at].plus(&own.times(lift[at]));
             above[first..first + 4].fill(down);
             continue;
         }
@@ -126,6 +152,10 @@ pub fn rows(
 /// Closes a leaf's row.
 #[must_use]
 pub fn close(leaf: NodeName, row: &Row) -> LeafClosure {
+    if row.sealed {
+        let escape = row.escape as f32;
+        return LeafClosure { leaf: leaf.0, escape, measured_escape: escape, ..LeafClosure::zeroed() };
+    }
     let rays = row.escape_rays.max(1) as f64;
     let doubt = (row.escape * (1.0 - row.escape)).max(0.25 / rays) / rays;
     let escape_error = if row.escape > 0.0 { doubt.sqrt().min(row.escape) } else { 0.0 };

@@ -10,10 +10,11 @@ use super::closure::{self, Row};
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::Tolerances;
-use super::push_pull::{Factors, Gathered};
+use super::push_pull::{self, Gathered};
 use super::records;
 use super::refine::{Context, Counts, Receiver, Scope};
 use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
+use super::seal;
 use super::source::{ClusterView, Clusters, Loaded};
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
@@ -149,10 +150,12 @@ impl MemoryScene {
             };
             let mut receiver = Receiver::new(view, mesh, rows);
             receiver.refine(&context, &visible).expect("memory does not fail");
+            let sealed = receiver.sealed_leaves(&context).expect("memory does not fail");
             let mut counts = receiver.counts;
             let closure = closure::rows(
                 &receiver.mesh,
                 &receiver.rows,
+                &seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf)),
                 |_| false,
                 |leaf| {
                     let patch = &own.patches[usize::from(leaf.patch_side().patch)];
@@ -164,6 +167,7 @@ impl MemoryScene {
                         escape_rays: 64,
                         unseen: 1e-3,
                         complete: scope == Scope::Everything,
+                        sealed: sealed.contains(&leaf),
                         ..Row::default()
                     }
                 },
@@ -172,10 +176,7 @@ impl MemoryScene {
             self.counts.rays += counts.rays;
             self.counts.reused += counts.reused;
             let (mesh, rows) = (receiver.mesh, receiver.rows);
-            let mut factors = vec![Factors::ONE; mesh.elements.len()];
-            for c in &closure {
-                factors[mesh.nearest(NodeName(c.leaf))] = Factors::of(c);
-            }
+            let factors = push_pull::factors(&mesh, &closure);
             *slot = mesh.elements.iter().map(|e| e.name).zip(rows).collect();
             let length = mesh.elements.len();
             members.push(Member {

@@ -15,6 +15,7 @@ pub mod records;
 pub mod refine;
 pub mod relax;
 pub mod residual;
+pub mod seal;
 pub mod sight;
 pub mod source;
 

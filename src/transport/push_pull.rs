@@ -1,7 +1,8 @@
 //! Push-pull: what arrives at inner elements goes down to the leaves, means come up again.
 
 use super::mesh::Mesh;
-use crate::base::Rgb;
+use super::seal;
+use crate::base::{NodeName, Rgb};
 use crate::model::links::LeafClosure;
 
 /// How a leaf's row is closed: see [`super::closure`].
@@ -33,6 +34,20 @@ impl Factors {
     }
 }
 
+/// Factors of every element of a mesh: of a leaf those that close its row, of others what their own light is
+/// multiplied by on its way down (see [`seal::lift`]).
+#[must_use]
+pub fn factors(mesh: &Mesh, closure: &[LeafClosure]) -> Vec<Factors> {
+    let find = |leaf: NodeName| closure.binary_search_by_key(&leaf.0, |c| c.leaf).ok().map(|at| &closure[at]);
+    let lift = seal::lift(mesh, |leaf| find(leaf).is_some_and(|c| c.own_scale == 0.0 && c.above_scale == 0.0));
+    (mesh.elements.iter().zip(lift))
+        .map(|(element, lift)| match find(element.name) {
+            Some(closure) if element.is_leaf() => Factors::of(closure),
+            _ => Factors { own_scale: lift, ..Factors::ONE },
+        })
+        .collect()
+}
+
 /// What an element gathered over its own links, W/m2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gathered {
@@ -47,6 +62,10 @@ impl Gathered {
     pub fn add(&mut self, radiosity: Rgb, form_factor: f64, error: f64) {
         self.light += radiosity * form_factor;
         self.doubt += radiosity * error;
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self { light: self.light * factor, doubt: self.doubt * factor }
     }
 
     fn plus(self, other: Self) -> Self {
@@ -72,7 +91,7 @@ pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
             element.set_irradiance(Rgb(closed.0.map(|x| x.max(0.0))));
         } else {
             let first = element.first_child as usize;
-            let down = above[at].plus(gathered[at]);
+            let down = above[at].plus(gathered[at].times(factors[at].own_scale));
             above[first..first + 4].fill(down);
         }
     }

@@ -53,7 +53,7 @@ pub struct Counts {
 
 /// A receiving cluster in the making.
 pub struct Receiver<'a> {
-    view: ClusterView<'a>,
+    pub(super) view: ClusterView<'a>,
     /// Its elements.
     pub mesh: Mesh,
     /// Links of each element of the mesh.
@@ -64,6 +64,8 @@ pub struct Receiver<'a> {
     pub counts: Counts,
     /// Whether walls stand on each element, where that has been asked.
     cut: Vec<Option<bool>>,
+    /// Elements that have been split along what cuts them.
+    followed: Vec<bool>,
 }
 
 impl<'a> Receiver<'a> {
@@ -71,8 +73,8 @@ impl<'a> Receiver<'a> {
     #[must_use]
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
-        let cut = vec![None; rows.len()];
-        Self { view, mesh, rows, changed, counts: Counts::default(), cut }
+        let (cut, followed) = (vec![None; rows.len()], vec![false; rows.len()]);
+        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
@@ -182,8 +184,10 @@ impl<'a> Receiver<'a> {
         let source = source_view.source(s.name);
         self.find_out_whether_cut(context, at, r);
         let strength = self.strength(at, source.radiosity);
-        let may_be_sealed = self.is_dim(at, source.radiosity) && context.cuts.is_cut(s);
-        let case = Case { may_be_sealed, ..self.case(at, r, s, Visibility::Partial) };
+        let emits = source_view.emits(s.name);
+        let may_be_sealed = emits && self.is_dim(at, source.radiosity) && context.cuts.is_cut(s);
+        let receiver_is_cut = emits && self.cut[at] == Some(true);
+        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, s, Visibility::Partial) };
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
@@ -197,7 +201,12 @@ impl<'a> Receiver<'a> {
         self.counts.evaluated += 1;
         let case = Case { source_variation: variation(r, s, found.class), ..case };
         match oracle::judge(&found, strength, &source, &case, &context.tolerances) {
-            Verdict::Keep => self.keep(at, s.name, &found),
+            Verdict::Keep => {
+                self.keep(at, s.name, &found);
+                if found.form_factor > 0.0 && !emits {
+                    self.split_along_cuts(context, at, r);
+                }
+            }
             Verdict::Withhold => self.keep(at, s.name, &found.without_light()),
             Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, &below),
             Verdict::SplitSource => {
@@ -242,16 +251,40 @@ impl<'a> Receiver<'a> {
         s: &Node,
         known: &Known<'c>,
     ) {
+        self.split(at);
+        let first = self.mesh.elements[at].first_child as usize;
+        for quarter in 0..4u32 {
+            self.link(context, source_view, first + quarter as usize, &r.child(quarter), s, known);
+        }
+    }
+
+    /// Gives an element children.
+    fn split(&mut self, at: usize) {
         if self.mesh.elements[at].is_leaf() {
-            let patch = &self.view.geometry.patches[usize::from(r.name.patch_side().patch)];
+            let patch = &self.view.geometry.patches[usize::from(self.mesh.elements[at].name.patch_side().patch)];
             self.mesh.split(at, patch);
             self.rows.resize_with(self.mesh.elements.len(), Vec::new);
             self.changed.resize(self.mesh.elements.len(), true);
             self.cut.resize(self.mesh.elements.len(), None);
+            self.followed.resize(self.mesh.elements.len(), false);
         }
+    }
+
+    /// Splits what lights a cut element reaches down to elements that lie on one side of what cuts it, so
+    /// that each can be told whether it is sealed.
+    fn split_along_cuts(&mut self, context: &Context<'_>, at: usize, r: &Node) {
+        if std::mem::replace(&mut self.followed[at], true) {
+            return;
+        }
+        self.find_out_whether_cut(context, at, r);
+        let has_levels = r.name.depth() < MAX_DEPTH && !sight::is_smallest(r, context.tolerances.min_element_m);
+        if self.cut[at] != Some(true) || !has_levels {
+            return;
+        }
+        self.split(at);
         let first = self.mesh.elements[at].first_child as usize;
         for quarter in 0..4u32 {
-            self.link(context, source_view, first + quarter as usize, &r.child(quarter), s, known);
+            self.split_along_cuts(context, first + quarter as usize, &r.child(quarter));
         }
     }
 
@@ -271,7 +304,7 @@ impl<'a> Receiver<'a> {
             receiver_edge_m: r.shape.longest_edge(),
             receiver_has_levels: r.name.depth() < MAX_DEPTH,
             may_be_sealed: false,
-            receiver_is_cut: self.cut[at] == Some(true),
+            receiver_is_cut: false,
             source_variation: variation(r, s, class),
         }
     }
@@ -333,16 +366,17 @@ impl<'a> Receiver<'a> {
         let bound = (0.5 * sight.spread + sight.uncertainty) * strength
             + oracle::SOURCE_SIGN * sight.form_factor * source.spread * PARTIAL_VARIATION;
         let dim = self.is_dim(at, source.radiosity);
-        if !(dim && source.divided)
-            && self.cut[at] != Some(true)
+        let emits = view.emits(link.source);
+        if !(emits && ((dim && source.divided) || self.cut[at] == Some(true)))
             && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
         {
             return Verdict::Keep;
         }
         self.find_out_whether_cut(context, at, r);
         let s = node(view, link.source);
-        let may_be_sealed = dim && context.cuts.is_cut(&s);
-        let case = Case { may_be_sealed, ..self.case(at, r, &s, link.class) };
+        let may_be_sealed = emits && dim && context.cuts.is_cut(&s);
+        let receiver_is_cut = emits && self.cut[at] == Some(true);
+        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, &s, link.class) };
         oracle::judge(&sight, strength, &source, &case, &context.tolerances)
     }
 }

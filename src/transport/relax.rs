@@ -14,7 +14,7 @@ pub struct Member {
     pub materials: Vec<SideMaterial>,
     /// What each element gathered from outside the group.
     pub external: Vec<Gathered>,
-    /// Closing factors of each leaf (1 for inner elements).
+    /// See [`super::push_pull::factors`].
     pub factors: Vec<Factors>,
     /// Position of its first element among the group's.
     pub first: usize,

@@ -44,6 +44,12 @@ impl ClusterView<'_> {
         SourceLight { radiosity, spread, divided: exact && self.light.has_children(name) }
     }
 
+    /// Whether the side that an element lies on emits.
+    #[must_use]
+    pub fn emits(&self, element: NodeName) -> bool {
+        self.materials[element.patch_side().index()].exitance != [0.0; 3]
+    }
+
     /// Whether a patch side takes part at all.
     #[must_use]
     pub fn takes_part(&self, side_index: usize) -> bool {

@@ -1,0 +1,137 @@
+//! Sealed leaves: those that see nothing lit.
+//!
+//! Links between coarse nodes carry means, also over what lies inside and outside of a closed place. So no
+//! light gets to a leaf that sees none itself: its rays meet dark surfaces alone, and no emitter is linked
+//! to it. Links with emitters are exact enough to be believed: see [`super::oracle`].
+
+use std::collections::HashSet;
+
+use super::mesh::Mesh;
+use super::refine::{Context, Receiver, Scope};
+use super::sight::is_smallest;
+use super::source::ClusterView;
+use crate::base::{ClusterId, NodeName, PatchSide, Result};
+use crate::geom::quadtree;
+use crate::geom::sequence::{Sequence, cosine_direction, mix};
+use crate::model::geometry::NONE;
+use crate::rays::node::Node;
+use crate::rays::region::Cuts;
+use crate::rays::traverse::{Hit, Nearest};
+
+/// Rays of a leaf that seems to be sealed. One that sees as little as a thirtieth of what is lit is found out
+/// with 9 of 10; the others when what they see is lit in turn.
+const RAYS: u64 = 64;
+
+/// Keeps these rays apart from others of the same leaf.
+const SALT: u64 = 0x5ea1;
+
+impl Receiver<'_> {
+    /// The leaves that light is linked to and that see none.
+    pub fn sealed_leaves(&mut self, context: &Context<'_>) -> Result<HashSet<NodeName>> {
+        let mut sealed = HashSet::new();
+        if context.scope == Scope::Lights {
+            return Ok(sealed);
+        }
+        let mut linked = vec![false; self.mesh.elements.len()];
+        for at in 0..self.mesh.elements.len() {
+            let element = self.mesh.elements[at];
+            linked[at] |= self.rows[at].iter().any(|link| link.form_factor > 0.0);
+            if !linked[at] {
+                continue;
+            }
+            if !element.is_leaf() {
+                let first = element.first_child as usize;
+                linked[first..first + 4].fill(true);
+                continue;
+            }
+            let was_lit = self.view.light.find(element.name).is_some_and(|e| e.irradiance != [0.0; 3]);
+            if was_lit {
+                continue;
+            }
+            let patch = &self.view.geometry.patches[usize::from(element.name.patch_side().patch)];
+            let leaf = Node::at(self.view.id, patch, element.name);
+            if !sees_light(context, &leaf, &mut self.counts.rays)? && !self.is_lit_by_an_emitter(context, at)? {
+                sealed.insert(element.name);
+            }
+        }
+        Ok(sealed)
+    }
+
+    fn is_lit_by_an_emitter(&self, context: &Context<'_>, leaf: usize) -> Result<bool> {
+        let mut at = leaf;
+        loop {
+            for link in self.rows[at].iter().filter(|link| link.form_factor > 0.0) {
+                if context.clusters.cluster(link.source.cluster())?.view().emits(link.source) {
+                    return Ok(true);
+                }
+            }
+            match self.mesh.elements[at].parent {
+                NONE => return Ok(false),
+                parent => at = parent as usize,
+            }
+        }
+    }
+}
+
+/// What light that reaches each node is multiplied by on its way down, since none of it goes to the sealed
+/// leaves below: area over area that is not sealed.
+#[must_use]
+pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
+    let mut open_m2: Vec<f64> =
+        (mesh.elements.iter()).map(|e| if e.is_leaf() && !is_sealed(e.name) { e.area_m2 } else { 0.0 }).collect();
+    let mut lift = vec![1.0; open_m2.len()];
+    for at in (0..open_m2.len()).rev() {
+        let element = &mesh.elements[at];
+        if !element.is_leaf() {
+            let first = element.first_child as usize;
+            let (open, area) = (first..first + 4)
+                .fold((0.0, 0.0), |(open, area), child| (open + open_m2[child], area + mesh.elements[child].area_m2));
+            open_m2[at] = open;
+            lift[at] = if open > 0.0 { area / open } else { 1.0 };
+        }
+    }
+    lift
+}
+
+fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool> {
+    let cuts = context.cuts;
+    let region = if is_smallest(leaf, cuts.min_element_m()) { cuts.region(leaf) } else { None };
+    let sequence = Sequence::new(mix(context.seed ^ mix(leaf.name.0)) ^ SALT);
+    let mut cast = 0;
+    for i in 0..4 * RAYS {
+        let [a, b, c, d] = sequence.point(i);
+        let from = leaf.shape.point(a, b);
+        if region.is_some_and(|region| !region.holds(cuts.scene(), from)) {
+            continue;
+        }
+        let direction = cosine_direction(leaf.normal, c, d);
+        (cast, *rays) = (cast + 1, *rays + 1);
+        if let Nearest::Met(hit) = cuts.scene().nearest(from, direction, Some(&leaf.end)) {
+            let cluster = context.clusters.cluster(ClusterId(hit.key.cluster))?;
+            if is_lit(cuts, &cluster.view(), &hit, from + direction * hit.t) {
+                return Ok(true);
+            }
+        }
+        if cast == RAYS {
+            break;
+        }
+    }
+    Ok(false)
+}
+
+/// Whether light leaves the place that a ray met: a leaf stands for the part that holds its anchor.
+fn is_lit(cuts: &Cuts<'_>, view: &ClusterView<'_>, hit: &Hit, point: glam::DVec3) -> bool {
+    let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+    if !view.takes_part(at.index()) {
+        return false;
+    }
+    let mut node = Node::root(view.id, &view.geometry.patches[usize::from(at.patch)], at);
+    while !view.source(node.name).radiosity.is_black() {
+        if !view.light.has_children(node.name) {
+            let region = if is_smallest(&node, cuts.min_element_m()) { cuts.region(&node) } else { None };
+            return region.is_none_or(|region| region.holds(cuts.scene(), point));
+        }
+        node = node.child(quadtree::child_at(&node.shape, point));
+    }
+    false
+}
