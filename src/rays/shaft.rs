@@ -100,10 +100,8 @@ impl<'a> Shaft<'a> {
                 let normal = if normal.dot(middle - c[i]) > 0.0 { -normal } else { normal };
                 outmost = Some(normal);
             }
-            if let Some(normal) = outmost {
-                if let Some(normal) = normal.try_normalize() {
-                    self.add(normal, c[i]);
-                }
+            if let Some(normal) = outmost.and_then(DVec3::try_normalize) {
+                self.add(normal, c[i]);
             }
         }
     }

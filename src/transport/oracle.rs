@@ -45,10 +45,10 @@ pub struct Case {
     pub receiver_edge_m: f64,
     /// Whether the receiver has levels left.
     pub receiver_has_levels: bool,
-    /// Whether the receiver is far darker than the source and a wall stands on the source: the
+    /// Whether the source emits, the receiver is far darker and a wall stands on the source: the
     /// receiver may lie in a sealed place that only part of the source shares.
     pub may_be_sealed: bool,
-    /// Whether a wall stands on the receiver: its parts may be in different rooms.
+    /// Whether the source emits and a wall stands on the receiver: its parts may be in different rooms.
     pub receiver_is_cut: bool,
     /// How much the kernel may vary over the source, 0..=1.
     pub source_variation: f64,

@@ -63,9 +63,9 @@ pub struct Receiver<'a> {
     /// What was done.
     pub counts: Counts,
     /// Whether walls stand on each element, where that has been asked.
-    cut: Vec<Option<bool>>,
+    pub(super) cut: Vec<Option<bool>>,
     /// Elements that have been split along what cuts them.
-    followed: Vec<bool>,
+    pub(super) followed: Vec<bool>,
 }
 
 impl<'a> Receiver<'a> {
@@ -217,7 +217,7 @@ impl<'a> Receiver<'a> {
         }
     }
 
-    fn find_out_whether_cut(&mut self, context: &Context<'_>, at: usize, r: &Node) {
+    pub(super) fn find_out_whether_cut(&mut self, context: &Context<'_>, at: usize, r: &Node) {
         if self.cut[at].is_none() {
             // What nothing cuts has no cut children.
             let above = self.mesh.elements[at].parent;
@@ -259,7 +259,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Gives an element children.
-    fn split(&mut self, at: usize) {
+    pub(super) fn split(&mut self, at: usize) {
         if self.mesh.elements[at].is_leaf() {
             let patch = &self.view.geometry.patches[usize::from(self.mesh.elements[at].name.patch_side().patch)];
             self.mesh.split(at, patch);
@@ -267,24 +267,6 @@ impl<'a> Receiver<'a> {
             self.changed.resize(self.mesh.elements.len(), true);
             self.cut.resize(self.mesh.elements.len(), None);
             self.followed.resize(self.mesh.elements.len(), false);
-        }
-    }
-
-    /// Splits what lights a cut element reaches down to elements that lie on one side of what cuts it, so
-    /// that each can be told whether it is sealed.
-    fn split_along_cuts(&mut self, context: &Context<'_>, at: usize, r: &Node) {
-        if std::mem::replace(&mut self.followed[at], true) {
-            return;
-        }
-        self.find_out_whether_cut(context, at, r);
-        let has_levels = r.name.depth() < MAX_DEPTH && !sight::is_smallest(r, context.tolerances.min_element_m);
-        if self.cut[at] != Some(true) || !has_levels {
-            return;
-        }
-        self.split(at);
-        let first = self.mesh.elements[at].first_child as usize;
-        for quarter in 0..4u32 {
-            self.split_along_cuts(context, first + quarter as usize, &r.child(quarter));
         }
     }
 

@@ -10,6 +10,7 @@ use super::mesh::Mesh;
 use super::refine::{Context, Receiver, Scope};
 use super::sight::is_smallest;
 use super::source::ClusterView;
+use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, NodeName, PatchSide, Result};
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
@@ -55,6 +56,24 @@ impl Receiver<'_> {
             }
         }
         Ok(sealed)
+    }
+
+    /// Splits a cut element that light reaches down to elements that lie on one side of what cuts it, so that
+    /// each can be told whether it is sealed.
+    pub(super) fn split_along_cuts(&mut self, context: &Context<'_>, at: usize, r: &Node) {
+        if std::mem::replace(&mut self.followed[at], true) {
+            return;
+        }
+        self.find_out_whether_cut(context, at, r);
+        let has_levels = r.name.depth() < MAX_DEPTH && !is_smallest(r, context.tolerances.min_element_m);
+        if self.cut[at] != Some(true) || !has_levels {
+            return;
+        }
+        self.split(at);
+        let first = self.mesh.elements[at].first_child as usize;
+        for quarter in 0..4u32 {
+            self.split_along_cuts(context, first + quarter as usize, &r.child(quarter));
+        }
     }
 
     fn is_lit_by_an_emitter(&self, context: &Context<'_>, leaf: usize) -> Result<bool> {
@@ -134,4 +153,44 @@ fn is_lit(cuts: &Cuts<'_>, view: &ClusterView<'_>, hit: &Hit, point: glam::DVec3
         node = node.child(quadtree::child_at(&node.shape, point));
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+
+    use super::*;
+    use crate::base::Rgb;
+    use crate::model::geometry::PatchRecord;
+    use crate::model::links::LeafClosure;
+    use crate::transport::push_pull::{Gathered, factors, push_pull};
+
+    #[test]
+    fn light_from_above_goes_to_leaves_that_are_not_sealed_and_keeps_its_power() {
+        let corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
+        let patch = PatchRecord { corners_m, corner_count: 4, area_m2: 4.0, ..PatchRecord::zeroed() };
+        let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
+        let mut mesh = Mesh { cluster: ClusterId(0), elements: Vec::new() };
+        mesh.elements.push(crate::transport::mesh::Element {
+            name: root,
+            first_child: NONE,
+            parent: NONE,
+            area_m2: 4.0,
+            irradiance: Rgb::BLACK,
+            leaf_low: [0.0; 3],
+            leaf_high: [0.0; 3],
+        });
+        mesh.split(0, &patch);
+        let open = LeafClosure { own_scale: 1.0, above_scale: 1.0, ..LeafClosure::zeroed() };
+        let closure: Vec<LeafClosure> = (0..4)
+            .map(|q| LeafClosure { leaf: root.child(q).0, ..if q == 2 { LeafClosure::zeroed() } else { open } })
+            .collect();
+        let mut gathered = vec![Gathered::default(); 5];
+        gathered[0].add(Rgb::grey(0.6), 0.5, 0.0);
+        let factors = factors(&mesh, &closure);
+        push_pull(&mut mesh, &gathered, &factors);
+        assert_eq!(mesh.elements[3].irradiance, Rgb::BLACK);
+        assert!((mesh.elements[1].irradiance.max() - 0.4).abs() < 1e-12);
+        assert!((mesh.elements[0].irradiance.max() - 0.3).abs() < 1e-12, "the mean of all is what arrived");
+    }
 }

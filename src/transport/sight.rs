@@ -115,7 +115,7 @@ pub fn look<'a>(
     let region = |node: &Node, wanted: bool| if wanted { cuts.region(node) } else { None };
     let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
     if regions.iter().any(Option::is_some) {
-        let sight = sample(cuts, r, s, &clear, regions, care, &known.blockers, rays);
+        let sight = sample(cuts, [r, s], &clear, regions, care, &known.blockers, rays);
         return Some((sight, known.blockers.clone()));
     }
     if known.class == Visibility::Visible {
@@ -129,7 +129,7 @@ pub fn look<'a>(
     match scene.shaft(ends[0], ends[1], &known.blockers) {
         Contents::Nothing => Some((clear, None)),
         Contents::Wall => Some((nothing, None)),
-        Contents::Something(blockers) => Some((sample(cuts, r, s, &clear, regions, care, &blockers, rays), blockers)),
+        Contents::Something(blockers) => Some((sample(cuts, [r, s], &clear, regions, care, &blockers, rays), blockers)),
     }
 }
 
@@ -272,8 +272,7 @@ impl Cells {
 
 fn sample(
     cuts: &Cuts<'_>,
-    r: &Node,
-    s: &Node,
+    [r, s]: [&Node; 2],
     clear: &Sight,
     [r_region, s_region]: [Option<Region>; 2],
     care: Care,
