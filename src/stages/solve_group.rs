@@ -21,6 +21,7 @@ use crate::store::stage_rows::hash;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
+use crate::transport::bundle::SideCache;
 use crate::transport::refine::Scope;
 use crate::transport::relax::Inner;
 
@@ -331,7 +332,7 @@ fn solve(
     let clusters = store.clusters_of(lease.group)?;
     require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
-    let solver = GroupSolver { set, scene, settings, progress };
+    let solver = GroupSolver { set, scene, settings, sides: SideCache::default(), progress };
     let mut solved = solver.solve(&clusters, &mut worker.segment)?;
     let after = resources();
     solved.report.peak_anon_bytes = after.peak_anon_bytes;
