@@ -115,12 +115,15 @@ impl Bundle {
         Self { name: node.name, parts: Parts::One(Box::new(side)), area_m2, centre, radius_m }
     }
 
-    /// A sector node.
+    /// A sector node; with one side below it, that side.
     #[must_use]
     pub fn sector(sides: Rc<Sides>, view: &ClusterView<'_>, name: NodeName) -> Self {
         let run = sides.below(view, name);
         let sector = usize::from(name.sector_digit());
         let below = &sides.0[sector][run.clone()];
+        if let [only] = below {
+            return Self::element(only.node);
+        }
         let area_m2: f64 = below.iter().map(|s| s.area_m2).sum();
         let sum = below.iter().fold(DVec3::ZERO, |sum, s| sum + s.node.shape.centre() * s.area_m2);
         let centre = sum / area_m2.max(f64::MIN_POSITIVE);

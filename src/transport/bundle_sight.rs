@@ -18,10 +18,12 @@ pub struct Estimate {
     pub form_factor: f64,
     /// Largest deviation from it.
     pub spread: f64,
+    /// Standard error of the mean.
+    pub error: f64,
 }
 
 /// Points of a receiver that stand for it.
-const POINTS: usize = 6;
+const POINTS: usize = 8;
 
 /// Square of radius over distance below which a source's sides are summed as small areas from its middle.
 const FAR: f64 = 0.01;
@@ -41,31 +43,24 @@ pub fn estimate(r: &Bundle, s: &Bundle, slack_m: f64) -> Option<Estimate> {
             |side: &super::bundle::Side| form_factor::at_point(point, normal, &side.node.shape, side.node.normal);
         s.sides().iter().map(seen).sum::<f64>().min(1.0)
     };
-    let mut values = [0.0; POINTS];
-    match r.as_element() {
-        Some(node) => {
-            let middle = node.shape.centroid();
-            let corners = node.shape.corners();
-            for (i, value) in values.iter_mut().enumerate() {
-                let point = if i < corners.len() { corners[i] * 0.6 + middle * 0.4 } else { middle };
-                *value = from_sides(point, node.normal);
-            }
-        }
-        None => {
-            for (i, value) in values.iter_mut().enumerate() {
-                let (side, _) = r.draw((i as f64 + 0.5) / POINTS as f64);
-                *value = from_sides(side.node.shape.centroid(), side.node.normal);
-            }
-        }
-    }
+    // Points all over the sides: a wall's middle does not stand for its ends.
+    let values: [f64; POINTS] = std::array::from_fn(|i| {
+        let (side, along) = r.draw((i as f64 + 0.5) / POINTS as f64);
+        let across = (0.5 + i as f64 * GOLDEN).fract();
+        from_sides(side.node.shape.point(along, across), side.node.normal)
+    });
     let mean = values.iter().sum::<f64>() / POINTS as f64;
     let faces = || r.sides().iter().any(|a| s.sides().iter().any(|b| a.node.faces(&b.node, slack_m)));
     if mean == 0.0 && !faces() {
         return None;
     }
     let spread = values.iter().map(|v| (v - mean).abs()).fold(0.0, f64::max);
-    Some(Estimate { form_factor: mean, spread })
+    let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (POINTS - 1) as f64;
+    Some(Estimate { form_factor: mean, spread, error: (variance / POINTS as f64).sqrt() })
 }
+
+/// Steps of this keep points of a line apart.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// Rays of the first batch and the most.
 const RAYS: (u64, u64) = (8, 64);
@@ -114,6 +109,7 @@ pub fn look(
         let effective = if squares > 0.0 { all * all / squares } else { 0.0 };
         let error = (share * (1.0 - share) / (effective + 1.0)).sqrt().max(UNANIMOUS / (effective + 1.0));
         let doubt = estimate.form_factor * error;
+        let unsure = estimate.error * share;
         if doubt <= allowed || target >= RAYS.1 || index >= 4 * target {
             let mixed = share > 0.0 && share < 1.0;
             // Where visibility is partial some of the receiver may see all and some nothing.
@@ -122,7 +118,7 @@ pub fn look(
             return Sight {
                 form_factor: estimate.form_factor * share,
                 spread,
-                uncertainty: doubt,
+                uncertainty: doubt + unsure,
                 class: Visibility::Partial,
             };
         }

@@ -97,12 +97,12 @@ impl Receiver<'_> {
                     continue;
                 }
                 let mut source = None;
-                for r in &receivers {
-                    if !marks.insert((r.name, name)) {
+                for (top, r) in tops.iter().zip(&receivers) {
+                    if !marks.insert((*top, name)) {
                         continue;
                     }
                     let s = source.get_or_insert_with(|| Bundle::of(&context.scene, context.sides, &view, name));
-                    let position = self.mesh.position(r.name);
+                    let position = self.mesh.position(*top);
                     let before = self.rows[position].len();
                     self.connect(context, &view, r, s, Visibility::Partial);
                     let is_kept = self.rows[position][before..].iter().any(|l| l.source == name);
