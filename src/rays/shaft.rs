@@ -1,7 +1,10 @@
 //! Shafts: the convex hull of two polygons that face each other, and what lies in it.
 //!
 //! If nothing does, every segment between them is free; if one patch cuts the whole hull, none is.
-//! Both are proofs, so links inherit them. Source of the idea: Haines and Wallace 1991.
+//! Both are proofs, so links inherit them, and of what is in between they inherit the names: a shaft
+//! between parts of the ends holds no more. Source of the idea: Haines and Wallace 1991.
+
+use std::rc::Rc;
 
 use glam::DVec3;
 
@@ -11,15 +14,32 @@ use crate::geom::bounds::Bounds;
 use crate::geom::polygon::Polygon;
 use crate::model::rays::{RayNode, RayPatch};
 
+/// A patch that may stand in between, and its cluster.
+pub type Blocker<'a> = (u32, &'a RayPatch);
+
+/// All that may stand in between, where that is little.
+pub type Blockers<'a> = Option<Rc<[Blocker<'a>]>>;
+
+/// Most patches that are named: segments are tried against each of them.
+const MOST_BLOCKERS: usize = 16;
+
 /// What a shaft holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Contents {
+#[derive(Clone, Debug)]
+pub enum Contents<'a> {
     /// No geometry: all segments are free.
     Nothing,
     /// A patch that cuts every segment.
     Wall,
     /// Something: segments have to be tried.
-    Something,
+    Something(Blockers<'a>),
+}
+
+/// What one patch is to a shaft.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Outside,
+    Inside,
+    Across,
 }
 
 struct Plane {
@@ -116,10 +136,10 @@ impl<'a> Shaft<'a> {
         })
     }
 
-    fn holds(&self, cluster: u32, patch: &RayPatch) -> Contents {
+    fn holds(&self, cluster: u32, patch: &RayPatch) -> Part {
         let key = PatchKey { cluster, patch: patch.patch };
         if self.ends.iter().any(|e| e.end.key == key) {
-            return Contents::Nothing;
+            return Part::Outside;
         }
         let count = patch.corner_count as usize;
         let all = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
@@ -129,13 +149,13 @@ impl<'a> Shaft<'a> {
             if self.coincides(e, corners, normal) {
                 let front = normal.dot(self.facing(e)) > 0.0;
                 let covers = Rank::new(front, patch.area_m2, key) < e.end.rank;
-                return if covers && !self.beside(corners) { Contents::Something } else { Contents::Nothing };
+                return if covers && !self.beside(corners) { Part::Inside } else { Part::Outside };
             }
         }
         if self.beside(corners) || self.touches_only(corners[0], normal) {
-            return Contents::Nothing;
+            return Part::Outside;
         }
-        if self.is_cut_by(corners, normal) { Contents::Wall } else { Contents::Something }
+        if self.is_cut_by(corners, normal) { Part::Across } else { Part::Inside }
     }
 
     /// The normal of an end's side that looks into the shaft.
@@ -200,13 +220,48 @@ impl<'a> Shaft<'a> {
     }
 }
 
-impl RayScene<'_> {
-    /// What lies between two polygons, the patches they lie on left out.
+/// What has been met so far.
+#[derive(Default)]
+struct Found<'a> {
+    blockers: Vec<Blocker<'a>>,
+    count: usize,
+}
+
+impl<'a> Found<'a> {
+    /// Returns whether the patch cuts the whole shaft.
+    fn add(&mut self, shaft: &Shaft<'_>, (cluster, patch): Blocker<'a>) -> bool {
+        let part = shaft.holds(cluster, patch);
+        if part == Part::Inside {
+            self.count += 1;
+            if self.count <= MOST_BLOCKERS {
+                self.blockers.push((cluster, patch));
+            }
+        }
+        part == Part::Across
+    }
+
+    fn contents(self) -> Contents<'a> {
+        match self.count {
+            0 => Contents::Nothing,
+            count => Contents::Something((count <= MOST_BLOCKERS).then(|| self.blockers.into())),
+        }
+    }
+}
+
+impl<'a> RayScene<'a> {
+    /// What lies between two polygons, the patches they lie on left out; `among`: all that lies between two
+    /// polygons that hold these.
     #[must_use]
-    pub fn shaft(&self, a: ShaftEnd<'_>, b: ShaftEnd<'_>) -> Contents {
+    pub fn shaft(&self, a: ShaftEnd<'_>, b: ShaftEnd<'_>, among: &Blockers<'a>) -> Contents<'a> {
         let shaft = Shaft::new(a, b, self.snap_m);
-        let mut found = Contents::Nothing;
-        let mut top = vec![0u32];
+        let mut found = Found::default();
+        if let Some(among) = among {
+            if among.iter().any(|blocker| found.add(&shaft, *blocker)) {
+                return Contents::Wall;
+            }
+            return found.contents();
+        }
+        let (mut top, mut stack) = (vec![0u32], Vec::with_capacity(32));
         while let Some(at) = top.pop() {
             let node = &self.top.nodes[at as usize];
             if shaft.misses_box(node) {
@@ -218,7 +273,7 @@ impl RayScene<'_> {
             }
             for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
                 let rays = self.cluster(reference);
-                let mut stack = vec![0u32];
+                stack.push(0u32);
                 while let Some(at) = stack.pop() {
                     let node = &rays.nodes[at as usize];
                     if shaft.misses_box(node) {
@@ -229,15 +284,13 @@ impl RayScene<'_> {
                         continue;
                     }
                     for patch in &rays.patches[node.first as usize..(node.first + node.count) as usize] {
-                        match shaft.holds(reference.cluster, patch) {
-                            Contents::Wall => return Contents::Wall,
-                            Contents::Something => found = Contents::Something,
-                            Contents::Nothing => {}
+                        if found.add(&shaft, (reference.cluster, patch)) {
+                            return Contents::Wall;
                         }
                     }
                 }
             }
         }
-        found
+        found.contents()
     }
 }

@@ -7,6 +7,7 @@
 use glam::{DVec3, Vec3A};
 
 use super::scene::{PatchKey, RayScene};
+use super::shaft::Blockers;
 use crate::geom::bounds::Bounds;
 use crate::model::rays::{RayNode, RayPatch};
 
@@ -166,28 +167,36 @@ impl RayScene<'_> {
         })
     }
 
-    /// Whether anything lies between two points on two patches; neither patch counts.
+    /// Whether anything lies between two points on two patches; neither patch counts. `among`: all that may.
     #[must_use]
-    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
+    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd, among: &Blockers<'_>) -> bool {
         let ray = Ray::new(from, to - from, self.reach_m);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
-        let mut blocked = false;
-        self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
+        let blocks = |cluster: u32, patch: &RayPatch, t: f64| {
             let key = PatchKey { cluster, patch: patch.patch };
             if key == start.key || key == end.key {
                 return false;
             }
-            blocked = if t <= before
+            if t <= before
                 && let Some(covers) = self.covers(ray.along, t, start, cluster, patch, true)
             {
-                covers
-            } else if t >= 1.0 - after
+                return covers;
+            }
+            if t >= 1.0 - after
                 && let Some(covers) = self.covers(ray.along, 1.0 - t, end, cluster, patch, false)
             {
-                covers
-            } else {
-                t > 0.0 && t < 1.0
-            };
+                return covers;
+            }
+            t > 0.0 && t < 1.0
+        };
+        if let Some(among) = among {
+            return among.iter().any(|(cluster, patch)| {
+                ray.meets(patch).is_some_and(|t| t >= -before && t <= 1.0 + after && blocks(*cluster, patch, t))
+            });
+        }
+        let mut blocked = false;
+        self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
+            blocked = blocks(cluster, patch, t);
             blocked
         });
         blocked

@@ -101,7 +101,7 @@ pub fn look(
             (cast, *rays) = (cast + 1, *rays + 1);
             all += weight;
             squares += weight * weight;
-            if !scene.blocked(from, to, &from_side.node.end, &to_side.node.end) {
+            if !scene.blocked(from, to, &from_side.node.end, &to_side.node.end, &None) {
                 visible += weight;
             }
         }

@@ -10,6 +10,7 @@ use super::bundle_sight::{self, Estimate};
 use super::link_rows::Link;
 use super::oracle::{self, NEGLIGIBLE, SOURCE_SIGN};
 use super::refine::{Context, DIM, Receiver, Scope, sight_of};
+use super::sight::Known;
 use super::source::{ClusterView, SourceLight};
 use crate::base::{ClusterId, Error, NodeName, Result, Rgb};
 use crate::model::links::Visibility;
@@ -128,7 +129,7 @@ impl Receiver<'_> {
         if let (Some(rn), Some(sn)) = (r.as_element(), s.as_element()) {
             if rn.end.key != sn.end.key {
                 let at = self.mesh.nearest(r.name);
-                self.link(context, view, at, rn, sn, known);
+                self.link(context, view, at, rn, sn, &Known::stored(known));
             }
             return;
         }

@@ -157,7 +157,7 @@ fn bundle_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Bundle, rays: &mut 
         let weight = cos_r * cos_s / along.length_squared().powi(2).max(f64::MIN_POSITIVE);
         all += weight;
         *rays += 1;
-        if !scene.blocked(p, to, &place.leaf.end, &side.node.end) {
+        if !scene.blocked(p, to, &place.leaf.end, &side.node.end, &None) {
             visible += weight;
         }
     }
@@ -287,7 +287,7 @@ impl View<'_> {
             all += weight;
             squares += weight * weight;
             *rays += 1;
-            if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end) {
+            if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end, &None) {
                 visible += weight;
             }
         }

@@ -5,7 +5,7 @@ use super::bundle::SideCache;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::{self, Case, Tolerances, Verdict};
-use super::sight::{self, Care, Sight};
+use super::sight::{self, Care, Known, Sight};
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, Progress, Result, Rgb};
@@ -90,14 +90,14 @@ impl<'a> Receiver<'a> {
     }
 
     /// Links `r` (element `at` of the mesh) to `s`, as finely as the oracle asks for.
-    pub(super) fn link(
+    pub(super) fn link<'c>(
         &mut self,
-        context: &Context<'_>,
+        context: &Context<'c>,
         source_view: &ClusterView<'_>,
         at: usize,
         r: &Node,
         s: &Node,
-        known: Visibility,
+        known: &Known<'c>,
     ) {
         let source = source_view.source(s.name);
         self.find_out_whether_cut(context, at, r);
@@ -112,16 +112,19 @@ impl<'a> Receiver<'a> {
             one_region_source: case.may_be_sealed && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
         };
-        let Some(found) = sight::look(&context.scene, r, s, known, care, &mut self.counts.rays) else { return };
+        let Some((found, blockers)) = sight::look(&context.scene, r, s, known, care, &mut self.counts.rays) else {
+            return;
+        };
+        let below = Known { class: found.class, blockers };
         self.counts.evaluated += 1;
         let case = Case { source_variation: variation(r, s, found.class), ..case };
         match oracle::judge(&found, strength, &source, &case, &context.tolerances) {
             Verdict::Keep => self.keep(self.position(at), s.name, &found),
             Verdict::Withhold => self.keep(self.position(at), s.name, &found.without_light()),
-            Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, found.class),
+            Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, &below),
             Verdict::SplitSource => {
                 for quarter in 0..4 {
-                    self.link(context, source_view, at, r, &s.child(quarter), found.class);
+                    self.link(context, source_view, at, r, &s.child(quarter), &below);
                 }
             }
         }
@@ -170,14 +173,14 @@ impl<'a> Receiver<'a> {
         }
     }
 
-    fn link_children(
+    fn link_children<'c>(
         &mut self,
-        context: &Context<'_>,
+        context: &Context<'c>,
         source_view: &ClusterView<'_>,
         at: usize,
         r: &Node,
         s: &Node,
-        known: Visibility,
+        known: &Known<'c>,
     ) {
         self.split(at);
         let first = self.mesh.elements[at].first_child as usize;
@@ -255,11 +258,14 @@ impl<'a> Receiver<'a> {
             Verdict::Keep => return true,
             Verdict::Withhold if is_withheld => return true,
             Verdict::Withhold => self.keep(self.position(at), link.source, &sight_of(link).without_light()),
-            Verdict::SplitReceiver => self.link_children(context, view, at, &r, &node(view, link.source), link.class),
+            Verdict::SplitReceiver => {
+                let known = Known::stored(link.class);
+                self.link_children(context, view, at, &r, &node(view, link.source), &known);
+            }
             Verdict::SplitSource => {
-                let s = node(view, link.source);
+                let (s, known) = (node(view, link.source), Known::stored(link.class));
                 for quarter in 0..4 {
-                    self.link(context, view, at, &r, &s.child(quarter), link.class);
+                    self.link(context, view, at, &r, &s.child(quarter), &known);
                 }
             }
         }

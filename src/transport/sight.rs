@@ -14,7 +14,7 @@ use crate::model::links::Visibility;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::region::Region;
-use crate::rays::shaft::{Contents, ShaftEnd};
+use crate::rays::shaft::{Blockers, Contents, ShaftEnd};
 
 /// A link's numbers.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +41,23 @@ impl Sight {
     #[must_use]
     pub fn withheld(&self) -> f64 {
         if self.form_factor + self.uncertainty == 0.0 { self.spread } else { 0.0 }
+    }
+}
+
+/// What a pair of nodes knows of what lies between them, and so between all below.
+#[derive(Clone, Debug)]
+pub struct Known<'a> {
+    /// Whether they see each other.
+    pub class: Visibility,
+    /// All that may stand in between, where it has been named.
+    pub blockers: Blockers<'a>,
+}
+
+impl Known<'_> {
+    /// As a stored link knows it.
+    #[must_use]
+    pub fn stored(class: Visibility) -> Self {
+        Self { class, blockers: None }
     }
 }
 
@@ -71,16 +88,24 @@ const MOST_RAYS: u64 = 256;
 const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
 
 /// Returns what the receiver `r` sees of the source `s`; `None` if they do not face each other.
-/// `known`: the class inherited from a pair of nodes that holds this one. Counts rays in `rays`.
+/// `known` is inherited from a pair of nodes that holds this one; returned is also what pairs below
+/// inherit. Counts rays in `rays`.
 #[must_use]
-pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: Care, rays: &mut u64) -> Option<Sight> {
+pub fn look<'a>(
+    scene: &RayScene<'a>,
+    r: &Node,
+    s: &Node,
+    known: &Known<'a>,
+    care: Care,
+    rays: &mut u64,
+) -> Option<(Sight, Blockers<'a>)> {
     let slack = scene.snap_m() * 1e-3;
     if !r.faces(s, slack) {
         return None;
     }
     let nothing = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Hidden };
-    if known == Visibility::Hidden {
-        return Some(nothing);
+    if known.class == Visibility::Hidden {
+        return Some((nothing, None));
     }
     let centres = r.shape.centre().distance_squared(s.shape.centre());
     let rough = (s.shape.area() / (std::f64::consts::PI * centres)).clamp(1e-8, 1.0);
@@ -92,20 +117,23 @@ pub fn look(scene: &RayScene<'_>, r: &Node, s: &Node, known: Visibility, care: C
     let region = |node: &Node, wanted: bool| if wanted { Region::of(scene, node, care.min_element_m) } else { None };
     let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
     if regions.iter().any(Option::is_some) {
-        return Some(sample(scene, r, s, &clear, regions, care, rays));
+        let sight = sample(scene, r, s, &clear, regions, care, &known.blockers, rays);
+        return Some((sight, known.blockers.clone()));
     }
-    if known == Visibility::Visible {
-        return Some(clear);
+    if known.class == Visibility::Visible {
+        return Some((clear, None));
     }
     let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
     if seen.corners().len() < 3 || seeing.corners().len() < 3 {
         return None;
     }
     let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
-    match scene.shaft(ends[0], ends[1]) {
-        Contents::Nothing => Some(clear),
-        Contents::Wall => Some(nothing),
-        Contents::Something => Some(sample(scene, r, s, &clear, regions, care, rays)),
+    match scene.shaft(ends[0], ends[1], &known.blockers) {
+        Contents::Nothing => Some((clear, None)),
+        Contents::Wall => Some((nothing, None)),
+        Contents::Something(blockers) => {
+            Some((sample(scene, r, s, &clear, regions, care, &blockers, rays), blockers))
+        }
     }
 }
 
@@ -253,6 +281,7 @@ fn sample(
     clear: &Sight,
     [r_region, s_region]: [Option<Region>; 2],
     care: Care,
+    blockers: &Blockers<'_>,
     rays: &mut u64,
 ) -> Sight {
     let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
@@ -294,7 +323,7 @@ fn sample(
             let distance_squared = along.length_squared();
             let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening) * density);
             *rays += 1;
-            let visible = holds && !scene.blocked(from, to, &r.end, &s.end);
+            let visible = holds && !scene.blocked(from, to, &r.end, &s.end, blockers);
             tally.add(quarter, weight, visible);
         }
         // The mean over the whole receiver is not that over its part: beside the wall that cuts it the
