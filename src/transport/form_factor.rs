@@ -175,6 +175,11 @@ fn near(
         out.high = out.high.max(value);
         out.low = out.low.min(value);
     }
+    // What lies close to a small part of the receiver is seen there alone.
+    let nearest = receiver.nearest(source.centroid());
+    let inwards = (0.1 * nearest.distance(centre)).min(0.5 * source.radius());
+    let place = nearest + (centre - nearest).normalize_or_zero() * inwards;
+    out.high = out.high.max(at_point(place, normal, source, source_normal));
     out
 }
 
