@@ -219,25 +219,26 @@ impl Mean {
     }
 }
 
-/// Parts of a source that rays are sent to, by what a point sees of each: of a source that is larger than
-/// its distance a few rays by area would tell nothing.
+/// Parts of the larger end that rays are sent to, by what a point of the other sees of each: of an end that
+/// is larger than its distance a few rays by area would tell nothing.
 struct Cells {
     shapes: Vec<Polygon>,
-    /// Share of the source's area.
+    /// Share of the end's area.
     areas: Vec<f64>,
 }
 
-/// Most parts: a source that is much larger than its distance.
+/// Most parts: an end that is much larger than its distance.
 const MOST_CELLS: usize = 64;
 
 /// Share of the rays that is spread by area alone.
 const BY_AREA: f64 = 0.25;
 
 impl Cells {
-    fn new(r: &Node, s: &Node) -> Self {
-        let mut shapes = vec![s.shape];
-        let distance = r.shape.centre().distance(s.shape.centre());
-        let levels = [1.0, 0.25, 0.06].iter().filter(|far| distance < *far * s.shape.radius()).count();
+    /// Of `to`, as seen from `from`.
+    fn new(from: &Node, to: &Node) -> Self {
+        let mut shapes = vec![to.shape];
+        let distance = from.shape.centre().distance(to.shape.centre());
+        let levels = [1.0, 0.25, 0.06].iter().filter(|far| distance < *far * to.shape.radius()).count();
         for _ in 0..levels {
             shapes = shapes.iter().flat_map(|shape| (0..4).map(|q| quadtree::child(shape, q))).collect();
         }
@@ -246,14 +247,14 @@ impl Cells {
         Self { shapes, areas }
     }
 
-    /// A point of the source by two numbers in 0..1, and its density relative to one by area.
-    fn draw(&self, r: &Node, s: &Node, from: DVec3, [c, d]: [f64; 2]) -> (DVec3, f64) {
+    /// A point of `to` by two numbers in 0..1, its density relative to one by area, and its quarter.
+    fn draw(&self, from: &Node, to: &Node, point: DVec3, [c, d]: [f64; 2]) -> (DVec3, f64, usize) {
         if let [whole] = self.shapes.as_slice() {
-            return (whole.point(c, d), 1.0);
+            return (whole.point(c, d), 1.0, 0);
         }
         let mut seen = [0.0; MOST_CELLS];
         for (seen, shape) in seen.iter_mut().zip(&self.shapes) {
-            *seen = form_factor::at_point(from, r.normal, shape, s.normal);
+            *seen = form_factor::at_point(point, from.normal, shape, to.normal);
         }
         let total: f64 = seen.iter().sum();
         let mut before = 0.0;
@@ -262,11 +263,62 @@ impl Cells {
             let share = BY_AREA * by_area + (1.0 - BY_AREA) * by_view;
             if c < before + share || i + 1 == self.shapes.len() {
                 let within = ((c - before) / share).clamp(0.0, 1.0);
-                return (shape.point(within, d), share / by_area);
+                return (shape.point(within, d), share / by_area, 4 * i / self.shapes.len());
             }
             before += share;
         }
         unreachable!("the last part takes what is left")
+    }
+}
+
+/// Two points that a ray runs between, one on each end, how likely they were drawn relative to points by
+/// area, and the receiver's quarter.
+struct Pair {
+    from: DVec3,
+    to: DVec3,
+    density: f64,
+    quarter: usize,
+}
+
+/// Draws points of both ends, those of the larger by what the other's sees of it.
+struct Pairs<'a> {
+    r: &'a Node,
+    s: &'a Node,
+    quarters: [Polygon; 4],
+    cells: Cells,
+    /// Whether the cells are the receiver's.
+    of_receiver: bool,
+}
+
+impl<'a> Pairs<'a> {
+    /// `by_area`: the receiver's points must lie all over it.
+    fn new(r: &'a Node, s: &'a Node, by_area: bool) -> Self {
+        let quarters = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
+        if !by_area && r.shape.radius() > s.shape.radius() {
+            let cells = Cells::new(s, r);
+            if cells.shapes.len() > 1 {
+                return Self { r, s, quarters, cells, of_receiver: true };
+            }
+        }
+        Self { r, s, quarters, cells: Cells::new(r, s), of_receiver: false }
+    }
+
+    fn draw(&self, index: u64, [a, b, c, d]: [f64; 4]) -> Pair {
+        if self.of_receiver {
+            let to = self.s.shape.point(a, b);
+            let (from, density, quarter) = self.cells.draw(self.s, self.r, to, [c, d]);
+            return Pair { from, to, density, quarter };
+        }
+        let quarter = (index % 4) as usize;
+        let from = self.quarters[quarter].point(a, b);
+        let (to, density, _) = self.cells.draw(self.r, self.s, from, [c, d]);
+        Pair { from, to, density, quarter }
+    }
+
+    /// Bounds the kernel in contact, where a few rays would else outweigh all others, m2.
+    fn softening(&self) -> f64 {
+        let end = if self.of_receiver { self.r } else { self.s };
+        2e-3 * end.shape.area() / self.cells.shapes.len() as f64
     }
 }
 
@@ -281,13 +333,11 @@ fn sample(
 ) -> Sight {
     let scene = cuts.scene();
     let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
-    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
-    let cells = Cells::new(r, s);
+    let pairs = Pairs::new(r, s, r_region.is_some());
     let s_is_smallest = is_smallest(s, cuts.min_element_m());
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
-    // Bounds the kernel in contact, where a few rays would else outweigh all others.
-    let softening = 2e-3 * s.shape.area() / cells.shapes.len() as f64;
+    let softening = pairs.softening();
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally::default();
     let mut open = Mean::default();
@@ -295,11 +345,8 @@ fn sample(
     let mut index = 0;
     loop {
         while tally.cast < target && index < 4 * target {
-            let [a, b, c, d] = sequence.point(index);
-            let quarter = (index % 4) as usize;
+            let Pair { from, to, density, quarter } = pairs.draw(index, sequence.point(index));
             index += 1;
-            let from = quarters[quarter].point(a, b);
-            let (to, density) = cells.draw(r, s, from, [c, d]);
             if !inside(&r_region, from) {
                 continue;
             }
