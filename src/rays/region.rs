@@ -91,10 +91,8 @@ impl Region {
     }
 
     fn round_anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Self {
-        // Anywhere, by the name: so each part stands for as many elements as it takes up of their area.
-        let bits = mix(node.name.0);
-        let share = |bits: u64| 0.02 + 0.96 * (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
-        let anchor = node.shape.point(share(bits), share(bits >> 32));
+        let [a, b] = anchor_of(node.name);
+        let anchor = node.shape.point(a, b);
         Self { anchor, lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
     }
 
@@ -104,6 +102,26 @@ impl Region {
         self.lifts.iter().all(|lift| !scene.blocked_between(point + *lift, self.anchor + *lift))
     }
 }
+
+/// Where a node's anchor lies, as numbers in 0..1: anywhere, so that each part stands for as many elements as
+/// it takes up of their area, and evenly along rows of elements, which one wall often cuts alike.
+fn anchor_of(name: NodeName) -> [f64; 2] {
+    let (mut column, mut row) = (0u32, 0u32);
+    let path = name.path();
+    for level in (0..name.depth()).rev() {
+        // Quarters go round: (0, 0), (1, 0), (1, 1), (0, 1).
+        let quarter = (path >> (2 * level)) & 3;
+        column = 2 * column + u32::from(quarter == 1 || quarter == 2);
+        row = 2 * row + u32::from(quarter >= 2);
+    }
+    let bits = mix(NodeName::root(name.cluster(), name.patch_side()).0);
+    let start = |bits: u64| (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
+    let along = |start: f64, a: u32, b: u32| (start + f64::from(a) * STEPS[0] + f64::from(b) * STEPS[1]).fract();
+    [along(start(bits), row, column), along(start(bits >> 32), column, row)].map(|x| 0.02 + 0.96 * x)
+}
+
+/// Steps that fill 0..1 evenly in both directions of a grid: powers of the plastic number's inverse.
+const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
 
 /// Whether a patch crosses the inside of an element, a little above it on its side.
 #[must_use]
