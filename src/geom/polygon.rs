@@ -129,6 +129,23 @@ impl Polygon {
         out
     }
 
+    /// The point of the polygon (convex) that lies nearest to another.
+    #[must_use]
+    pub fn nearest(&self, point: DVec3) -> DVec3 {
+        let (c, normal) = (self.corners(), self.normal());
+        let on_plane = point - normal * normal.dot(point - c[0]);
+        let edges = || (0..c.len()).map(|i| (c[i], c[(i + 1) % c.len()]));
+        if edges().all(|(p, q)| normal.cross(q - p).dot(on_plane - p) >= 0.0) {
+            return on_plane;
+        }
+        let on_edge = |(p, q): (DVec3, DVec3)| {
+            let along = q - p;
+            p + along * ((on_plane - p).dot(along) / along.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+        };
+        let distance = |p: &DVec3| p.distance_squared(on_plane);
+        edges().map(on_edge).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(on_plane)
+    }
+
     /// Longest edge, m.
     #[must_use]
     pub fn longest_edge(&self) -> f64 {

@@ -221,49 +221,65 @@ impl Mean {
 
 /// Parts of the larger end that rays are sent to, by what a point of the other sees of each: of an end that
 /// is larger than its distance a few rays by area would tell nothing.
-struct Cells {
-    shapes: Vec<Polygon>,
+struct Cells(Vec<Cell>);
+
+struct Cell {
+    shape: Polygon,
     /// Share of the end's area.
-    areas: Vec<f64>,
+    area: f64,
+    /// Of the end's quarters the one that it lies in.
+    quarter: usize,
 }
 
 /// Most parts: an end that is much larger than its distance.
-const MOST_CELLS: usize = 64;
+const MOST_CELLS: usize = 40;
 
 /// Share of the rays that is spread by area alone.
 const BY_AREA: f64 = 0.25;
 
 impl Cells {
-    /// Of `to`, as seen from `from`.
+    /// Of `to`, as seen from `from`: smaller where the two are closer.
     fn new(from: &Node, to: &Node) -> Self {
-        let mut shapes = vec![to.shape];
-        let distance = from.shape.centre().distance(to.shape.centre());
-        let levels = [1.0, 0.25, 0.06].iter().filter(|far| distance < *far * to.shape.radius()).count();
-        for _ in 0..levels {
-            shapes = shapes.iter().flat_map(|shape| (0..4).map(|q| quadtree::child(shape, q))).collect();
+        // How many times larger than its distance a part is, about.
+        let nearness = |shape: &Polygon| {
+            let centre = shape.centre();
+            shape.radius() / centre.distance(from.shape.nearest(centre)).max(f64::MIN_POSITIVE)
+        };
+        let mut cells = vec![(nearness(&to.shape), Cell { shape: to.shape, area: 1.0, quarter: 0 })];
+        while cells.len() + 3 <= MOST_CELLS {
+            let largest = (0..cells.len()).max_by(|a, b| cells[*a].0.total_cmp(&cells[*b].0)).unwrap_or(0);
+            if cells[largest].0 < 1.0 {
+                break;
+            }
+            let is_whole = cells.len() == 1;
+            let (_, whole) = cells.swap_remove(largest);
+            for q in 0..4u32 {
+                let shape = quadtree::child(&whole.shape, q);
+                let area = whole.area * shape.area() / whole.shape.area().max(f64::MIN_POSITIVE);
+                let quarter = if is_whole { q as usize } else { whole.quarter };
+                cells.push((nearness(&shape), Cell { shape, area, quarter }));
+            }
         }
-        let total: f64 = shapes.iter().map(Polygon::area).sum();
-        let areas = shapes.iter().map(|shape| shape.area() / total).collect();
-        Self { shapes, areas }
+        Self(cells.into_iter().map(|(_, cell)| cell).collect())
     }
 
     /// A point of `to` by two numbers in 0..1, its density relative to one by area, and its quarter.
     fn draw(&self, from: &Node, to: &Node, point: DVec3, [c, d]: [f64; 2]) -> (DVec3, f64, usize) {
-        if let [whole] = self.shapes.as_slice() {
-            return (whole.point(c, d), 1.0, 0);
+        if let [whole] = self.0.as_slice() {
+            return (whole.shape.point(c, d), 1.0, 0);
         }
         let mut seen = [0.0; MOST_CELLS];
-        for (seen, shape) in seen.iter_mut().zip(&self.shapes) {
-            *seen = form_factor::at_point(point, from.normal, shape, to.normal);
+        for (seen, cell) in seen.iter_mut().zip(&self.0) {
+            *seen = form_factor::at_point(point, from.normal, &cell.shape, to.normal);
         }
         let total: f64 = seen.iter().sum();
         let mut before = 0.0;
-        for (i, (shape, by_area)) in self.shapes.iter().zip(&self.areas).enumerate() {
-            let by_view = if total > 0.0 { seen[i] / total } else { *by_area };
-            let share = BY_AREA * by_area + (1.0 - BY_AREA) * by_view;
-            if c < before + share || i + 1 == self.shapes.len() {
+        for (i, cell) in self.0.iter().enumerate() {
+            let by_view = if total > 0.0 { seen[i] / total } else { cell.area };
+            let share = BY_AREA * cell.area + (1.0 - BY_AREA) * by_view;
+            if c < before + share || i + 1 == self.0.len() {
                 let within = ((c - before) / share).clamp(0.0, 1.0);
-                return (shape.point(within, d), share / by_area, 4 * i / self.shapes.len());
+                return (cell.shape.point(within, d), share / cell.area, cell.quarter);
             }
             before += share;
         }
@@ -296,7 +312,7 @@ impl<'a> Pairs<'a> {
         let quarters = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
         if !by_area && r.shape.radius() > s.shape.radius() {
             let cells = Cells::new(s, r);
-            if cells.shapes.len() > 1 {
+            if cells.0.len() > 1 {
                 return Self { r, s, quarters, cells, of_receiver: true };
             }
         }
@@ -318,7 +334,7 @@ impl<'a> Pairs<'a> {
     /// Bounds the kernel in contact, where a few rays would else outweigh all others, m2.
     fn softening(&self) -> f64 {
         let end = if self.of_receiver { self.r } else { self.s };
-        2e-3 * end.shape.area() / self.cells.shapes.len() as f64
+        2e-3 * end.shape.area() / self.cells.0.len() as f64
     }
 }
 
