@@ -145,6 +145,11 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let (visible, head) = self.set.visible(id)?;
         let mut receiver = Receiver::new(view, mesh, rows);
         receiver.refine(&context, &visible)?;
+        let unlinked: Vec<f64> = (receiver.mesh.elements.iter())
+            .map(|e| if e.is_leaf() { known.get(&e.name.0).map_or(0.0, |c| f64::from(c.unlinked)) } else { 0.0 })
+            .collect();
+        receiver.split_unclosed(&context, &unlinked)?;
+        receiver.sort_rows();
         let sealed = receiver.sealed_leaves(&context)?;
         let mut counts = receiver.counts;
         let patches = view.geometry.patches;

@@ -150,6 +150,7 @@ impl MemoryScene {
             };
             let mut receiver = Receiver::new(view, mesh, rows);
             receiver.refine(&context, &visible).expect("memory does not fail");
+            receiver.sort_rows();
             let sealed = receiver.sealed_leaves(&context).expect("memory does not fail");
             let mut counts = receiver.counts;
             let closure = closure::rows(

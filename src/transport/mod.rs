@@ -25,3 +25,4 @@ mod form_factor_tests;
 mod occlusion_tests;
 #[cfg(test)]
 mod physics_tests;
+pub mod unclosed;

@@ -96,11 +96,15 @@ impl<'a> Receiver<'a> {
             let lit: Vec<usize> = all.into_iter().filter(|&i| lit_sides[sides[i].name.patch_side().index()]).collect();
             self.link_sources(context, visible, &sides, &lit, &mut linked, false)?;
         }
+        Ok(())
+    }
+
+    /// Brings rows into the order that they are stored in.
+    pub fn sort_rows(&mut self) {
         for row in &mut self.rows {
             row.sort_by_key(|l| l.source);
             row.shrink_to_fit();
         }
-        Ok(())
     }
 
     /// Patch sides that any link of each receiver side leads to: (receiver side index, source side).
@@ -242,7 +246,7 @@ impl<'a> Receiver<'a> {
         self.changed[at] = true;
     }
 
-    fn link_children<'c>(
+    pub(super) fn link_children<'c>(
         &mut self,
         context: &Context<'c>,
         source_view: &ClusterView<'_>,
@@ -363,7 +367,7 @@ impl<'a> Receiver<'a> {
     }
 }
 
-fn sight_of(link: &Link) -> Sight {
+pub(super) fn sight_of(link: &Link) -> Sight {
     Sight {
         form_factor: f64::from(link.form_factor),
         spread: f64::from(link.spread),
@@ -372,7 +376,7 @@ fn sight_of(link: &Link) -> Sight {
     }
 }
 
-fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
+pub(super) fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
     Node::at(view.id, &view.geometry.patches[usize::from(name.patch_side().patch)], name)
 }
 
