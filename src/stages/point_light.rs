@@ -10,12 +10,15 @@ use super::group_links::LinkStore;
 use super::working_set::{MappedCluster, WorkingSet};
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::quadtree;
+use crate::model::geometry::{GeometryView, NONE};
 use crate::model::links::LeafClosure;
 use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::node::Node;
+use crate::transport::bundle::SideCache;
 use crate::transport::gather_point::{self, Gathered};
 use crate::transport::link_rows::{self, Link};
+use crate::transport::sectors::sector_of_side;
 use crate::transport::source::{Clusters, Loaded};
 
 /// Rows and closures of a receiving cluster, by name.
@@ -32,6 +35,19 @@ pub const SOURCE_SHARE: f64 = 0.02;
 /// Bytes of links that are held, of one cluster at least: points come in runs.
 const HELD_BYTES: usize = 32 << 20;
 
+/// The lowest sector node above the root of a patch side.
+fn lowest_sector(geometry: &GeometryView<'_>, root: NodeName) -> Option<NodeName> {
+    let at = root.patch_side();
+    let tree_node = geometry.patches[usize::from(at.patch)].tree_node;
+    Some(NodeName::sector(root.cluster(), sector_of_side(geometry, at), u64::from(tree_node)))
+}
+
+/// The sector node above another.
+fn sector_above(geometry: &GeometryView<'_>, name: NodeName) -> Option<NodeName> {
+    let parent = geometry.tree[name.tree_node() as usize].parent;
+    (parent != NONE).then(|| NodeName::sector(name.cluster(), name.sector_digit(), u64::from(parent)))
+}
+
 /// Gathers at points of surfaces.
 pub struct PointLight<'a, 's> {
     set: &'a WorkingSet<'s>,
@@ -41,6 +57,7 @@ pub struct PointLight<'a, 's> {
     min_element_m: f64,
     held: LruCache<u32, Rc<Rows>>,
     held_bytes: usize,
+    sides: SideCache,
     /// Rays cast so far.
     pub rays: u64,
 }
@@ -50,7 +67,16 @@ impl<'a, 's> PointLight<'a, 's> {
     /// does not matter.
     #[must_use]
     pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64, min_element_m: f64) -> Self {
-        Self { set, scene, allowed_w_m2, min_element_m, held: LruCache::unbounded(), held_bytes: 0, rays: 0 }
+        Self {
+            set,
+            scene,
+            allowed_w_m2,
+            min_element_m,
+            held: LruCache::unbounded(),
+            held_bytes: 0,
+            sides: SideCache::default(),
+            rays: 0,
+        }
     }
 
     /// The leaf element that holds a point of a patch side.
@@ -88,6 +114,7 @@ impl<'a, 's> PointLight<'a, 's> {
             closure,
         };
         let mut gathered = Gathered::default();
+        let view = mapped.view();
         let mut above = Some(leaf.name);
         while let Some(name) = above {
             if let Ok(i) = rows.rows.binary_search_by_key(&name, |r| r.0) {
@@ -95,6 +122,7 @@ impl<'a, 's> PointLight<'a, 's> {
                     let source = self.set.cluster(link.source.cluster())?;
                     gather_point::add_link(
                         &self.scene,
+                        &self.sides,
                         &place,
                         &source.view(),
                         link,
@@ -104,7 +132,11 @@ impl<'a, 's> PointLight<'a, 's> {
                     );
                 }
             }
-            above = name.parent();
+            above = if name.is_sector() {
+                sector_above(&view.geometry, name)
+            } else {
+                name.parent().or_else(|| lowest_sector(&view.geometry, name))
+            };
         }
         Ok(gather_point::finish(&place, &gathered))
     }

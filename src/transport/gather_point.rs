@@ -3,12 +3,13 @@
 
 use glam::DVec3;
 
+use super::bundle::{Bundle, Side, SideCache};
 use super::form_factor;
 use super::link_rows::Link;
 use super::refine::DIM;
 use super::sight::{self, UNANIMOUS};
 use super::source::ClusterView;
-use crate::base::Rgb;
+use crate::base::{NodeName, Rgb};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
@@ -68,6 +69,10 @@ const POINT_SHARE: f64 = 0.1;
 const RAYS: u64 = 16;
 const MOST_DEPTH: u32 = 5;
 
+/// Rays to a sector node seen as a whole, and what its differences in light may come to, relative to `allowed`.
+const BUNDLE_RAYS: u64 = 16;
+const BUNDLE_SHARE: f64 = 0.2;
+
 /// Relative error of a point's form factor to a polygon that it sees whole.
 const FLOOR: f64 = 1e-6;
 
@@ -76,8 +81,10 @@ const CUT_SHARE: f64 = 0.02;
 
 /// Adds what arrives over one link of an element that holds the place. Sources whose light varies
 /// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
+#[allow(clippy::too_many_arguments, reason = "a recursion's state")]
 pub fn add_link(
     scene: &RayScene<'_>,
+    sides: &SideCache,
     place: &Place<'_>,
     source_view: &ClusterView<'_>,
     link: &Link,
@@ -88,9 +95,73 @@ pub fn add_link(
     if link.class == Visibility::Hidden {
         return;
     }
-    let patch = &source_view.geometry.patches[usize::from(link.source.patch_side().patch)];
-    let s = Node::at(source_view.id, patch, link.source);
-    add_source(scene, place, source_view, &s, link.class, allowed, gathered, rays);
+    add_node(scene, sides, place, source_view, link.source, link.class, allowed, gathered, rays);
+}
+
+/// Adds what arrives from a node: from a sector node as a whole if its light is much the same all over.
+#[allow(clippy::too_many_arguments, reason = "a recursion's state")]
+fn add_node(
+    scene: &RayScene<'_>,
+    sides: &SideCache,
+    place: &Place<'_>,
+    view: &ClusterView<'_>,
+    name: NodeName,
+    class: Visibility,
+    allowed: f64,
+    gathered: &mut Gathered,
+    rays: &mut u64,
+) {
+    if !name.is_sector() {
+        let s = Node::at(view.id, &view.geometry.patches[usize::from(name.patch_side().patch)], name);
+        add_source(scene, place, view, &s, class, allowed, gathered, rays);
+        return;
+    }
+    let s = Bundle::of(sides, view, name);
+    let source = view.source(name);
+    let seen = |side: &Side| {
+        let behind = side.node.height(place.point) <= 0.0 || side.node.end.key == place.leaf.end.key;
+        if behind { 0.0 } else { form_factor::point_to_polygon(place.point, place.leaf.normal, &side.node.shape) }
+    };
+    let open: f64 = s.sides().iter().map(seen).sum();
+    if open == 0.0 {
+        return;
+    }
+    let is_near = place.point.distance(s.centre) < 2.0 * s.radius_m;
+    let is_dim = place.typical_w_m2 < DIM * source.radiosity.max();
+    if is_near || is_dim || open * source.spread > BUNDLE_SHARE * allowed {
+        for child in s.children(view) {
+            add_node(scene, sides, place, view, child, class, allowed, gathered, rays);
+        }
+        return;
+    }
+    let share = bundle_share(scene, place, &s, rays);
+    let error = (share * (1.0 - share) / BUNDLE_RAYS as f64).sqrt().max(UNANIMOUS / (BUNDLE_RAYS + 1) as f64);
+    gathered.add(source.radiosity, Seen { form_factor: open * share, error: open * error });
+}
+
+/// Share of a bundle of sides that the place sees, weighted by the kernel.
+fn bundle_share(scene: &RayScene<'_>, place: &Place<'_>, s: &Bundle, rays: &mut u64) -> f64 {
+    let p = place.point;
+    let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
+    let sequence = Sequence::new(mix(s.name.0) ^ bits);
+    let (mut all, mut visible) = (0.0, 0.0);
+    for index in 0..BUNDLE_RAYS {
+        let [_, _, c, d] = sequence.point(index);
+        let (side, c) = s.draw(c);
+        let to = side.node.shape.point(c, d);
+        let along = to - p;
+        let (cos_r, cos_s) = (place.leaf.normal.dot(along), -side.node.normal.dot(along));
+        if cos_r <= 0.0 || cos_s <= 0.0 {
+            continue;
+        }
+        let weight = cos_r * cos_s / along.length_squared().powi(2).max(f64::MIN_POSITIVE);
+        all += weight;
+        *rays += 1;
+        if !scene.blocked(p, to, &place.leaf.end, &side.node.end, &None) {
+            visible += weight;
+        }
+    }
+    if all > 0.0 { visible / all } else { 0.0 }
 }
 
 #[allow(clippy::too_many_arguments, reason = "a recursion's state")]

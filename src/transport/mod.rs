@@ -1,7 +1,10 @@
 //! The physics: form factors, visibility of links, oracle, refinement, push-pull, closure, relaxation.
 //! Pure: views of records in, records out.
 
+pub mod bundle;
+pub mod bundle_sight;
 pub mod closure;
+pub mod connect;
 pub mod contour;
 pub mod form_factor;
 pub mod gather_point;
@@ -16,6 +19,7 @@ pub mod refine;
 pub mod relax;
 pub mod residual;
 pub mod seal;
+pub mod sectors;
 pub mod sight;
 pub mod source;
 

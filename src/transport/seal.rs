@@ -6,6 +6,7 @@
 
 use std::collections::HashSet;
 
+use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::refine::{Context, Receiver, Scope};
 use super::sight::is_smallest;
@@ -33,10 +34,20 @@ impl Receiver<'_> {
         if context.scope == Scope::Lights {
             return Ok(sealed);
         }
+        let sectors = self.mesh.sectors.len();
+        let has_links = |rows: &[Vec<Link>], at: usize| rows[at].iter().any(|link| link.form_factor > 0.0);
+        let mut linked_sectors: Vec<bool> = (0..sectors).map(|at| has_links(&self.rows, at)).collect();
+        for at in 0..sectors {
+            let parent = self.mesh.sectors[at].parent;
+            linked_sectors[at] |= parent != NONE && linked_sectors[parent as usize];
+        }
         let mut linked = vec![false; self.mesh.elements.len()];
+        for (root, &sector) in self.mesh.side_sector.iter().enumerate() {
+            linked[root] = sector != NONE && linked_sectors[sector as usize];
+        }
         for at in 0..self.mesh.elements.len() {
             let element = self.mesh.elements[at];
-            linked[at] |= self.rows[at].iter().any(|link| link.form_factor > 0.0);
+            linked[at] |= has_links(&self.rows, sectors + at);
             if !linked[at] {
                 continue;
             }
@@ -79,7 +90,7 @@ impl Receiver<'_> {
     fn is_lit_by_an_emitter(&self, context: &Context<'_>, leaf: usize) -> Result<bool> {
         let mut at = leaf;
         loop {
-            for link in self.rows[at].iter().filter(|link| link.form_factor > 0.0) {
+            for link in self.rows[self.position(at)].iter().filter(|l| l.form_factor > 0.0 && !l.source.is_sector()) {
                 if context.clusters.cluster(link.source.cluster())?.view().emits(link.source) {
                     return Ok(true);
                 }
@@ -92,8 +103,8 @@ impl Receiver<'_> {
     }
 }
 
-/// What light that reaches each node is multiplied by on its way down, since none of it goes to the sealed
-/// leaves below: area over area that is not sealed.
+/// What light that reaches each node (by position) is multiplied by on its way down, since none of it goes to
+/// the sealed leaves below: area over area that is not sealed.
 #[must_use]
 pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
     let mut open_m2: Vec<f64> =
@@ -109,7 +120,18 @@ pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
             lift[at] = if open > 0.0 { area / open } else { 1.0 };
         }
     }
-    lift
+    let mut open_sectors_m2 = vec![0.0; mesh.sectors.len()];
+    for (root, &sector) in mesh.side_sector.iter().enumerate().filter(|(_, sector)| **sector != NONE) {
+        open_sectors_m2[sector as usize] += open_m2[root];
+    }
+    for at in (0..mesh.sectors.len()).rev() {
+        let parent = mesh.sectors[at].parent;
+        if parent != NONE {
+            open_sectors_m2[parent as usize] += open_sectors_m2[at];
+        }
+    }
+    let above = mesh.sectors.iter().zip(open_sectors_m2);
+    above.map(|(s, open)| if open > 0.0 { s.area_m2 / open } else { 1.0 }).chain(lift).collect()
 }
 
 fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool> {

@@ -31,10 +31,18 @@ pub struct ClusterView<'a> {
 }
 
 impl ClusterView<'_> {
-    /// Light that leaves the element `name`, by its nearest stored ancestor (exact, since nothing
-    /// finer is known).
+    /// Light that leaves the node `name`: an element's by its nearest stored ancestor (exact, since
+    /// nothing finer is known).
     #[must_use]
     pub fn source(&self, name: NodeName) -> SourceLight {
+        if name.is_sector() {
+            let Ok(at) = self.light.sectors.binary_search_by_key(&name.0, |s| s.name) else {
+                return SourceLight::default();
+            };
+            let found = &self.light.sectors[at];
+            let radiosity = Rgb::from_f32(found.radiosity);
+            return SourceLight { radiosity, spread: f64::from(found.spread), divided: true };
+        }
         let material = &self.materials[name.patch_side().index()];
         let Some(found) = self.light.nearest(name) else { return SourceLight::default() };
         let rho = Rgb::from_f32(material.rho);
