@@ -30,9 +30,8 @@ impl Receiver<'_> {
     /// The leaves that light is linked to and that see none.
     pub fn sealed_leaves(&mut self, context: &Context<'_>) -> Result<HashSet<NodeName>> {
         let mut sealed = HashSet::new();
-        if context.scope == Scope::Lights {
-            return Ok(sealed);
-        }
+        // Where lights alone are sources, other links may be there from before: after a lamp has changed.
+        let by_rays = context.scope == Scope::Everything;
         let mut linked = vec![false; self.mesh.elements.len()];
         for at in 0..self.mesh.elements.len() {
             let element = self.mesh.elements[at];
@@ -46,12 +45,13 @@ impl Receiver<'_> {
                 continue;
             }
             let was_lit = self.view.light.find(element.name).is_some_and(|e| e.irradiance != [0.0; 3]);
-            if was_lit {
+            if by_rays && was_lit {
                 continue;
             }
             let patch = &self.view.geometry.patches[usize::from(element.name.patch_side().patch)];
             let leaf = Node::at(self.view.id, patch, element.name);
-            if !sees_light(context, &leaf, &mut self.counts.rays)? && !self.is_lit_by_an_emitter(context, at)? {
+            let sees_light = by_rays && sees_light(context, &leaf, &mut self.counts.rays)?;
+            if !sees_light && !self.is_lit_by_an_emitter(context, at)? {
                 sealed.insert(element.name);
             }
         }

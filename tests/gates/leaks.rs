@@ -1,6 +1,6 @@
 //! Gates: places that no light may reach, one that a little does, and faces that coincide.
 
-use super::solved::{Leaf, Wrong, grey, irradiance, mean, solve, solve_with};
+use super::solved::{Leaf, Wrong, data, grey, irradiance, mean, solve, solve_with};
 
 /// Leaves beyond the wall `x = 2` of the `leak_` scenes: all sides, the dividing wall's far one included.
 fn beyond_the_wall(leaves: &[Leaf]) -> Vec<Leaf> {
@@ -29,6 +29,21 @@ fn nothing_gets_into_a_room_whose_walls_abut() {
 #[test]
 fn nothing_gets_into_a_room_whose_walls_overlap() {
     expect_dark("leak_overlapping");
+}
+
+/// Links made for the lamp as it was are there from the first iteration on.
+#[test]
+fn nothing_gets_into_a_dark_room_when_the_lamp_of_another_is_changed() {
+    let model = data("leak_abutting.obj");
+    let solved = solve_with("leak_abutting", &grey(0.5, &[("lamp", 1.0)]), &[]);
+    let before = mean(&solved.leaves(), irradiance);
+    solved.write("own.mtl", &grey(0.5, &[("lamp", 3.0)]));
+    solved.ask(&["run", model.to_str().unwrap(), "--store", "s.clr", "--materials", "own.mtl", "--workers", "1", "-q"]);
+    let leaves = solved.leaves();
+    assert_eq!(brightest(&beyond_the_wall(&leaves)), 0.0);
+    let mut wrong = Wrong::default();
+    wrong.relative("mean irradiance", mean(&leaves, irradiance), 3.0 * before, 0.002);
+    wrong.assert_none();
 }
 
 /// What gets through the gap is its area times the irradiance in it, which a path tracer gives for the

@@ -96,6 +96,11 @@ impl Solved {
         self.dir.path().join("s.clr")
     }
 
+    /// Writes a file into the folder that the store lies in.
+    pub fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.dir.path().join(name), text).unwrap();
+    }
+
     /// What the program prints when asked.
     pub fn ask(&self, args: &[&str]) -> String {
         let mut command = Command::new(env!("CARGO_BIN_EXE_clerestory"));
