@@ -85,15 +85,14 @@ impl<'a> Shaft<'a> {
     /// the edge from `edges`' own plane, the last that meets a corner.
     fn support(&mut self, edges: &Polygon, tips: &Polygon) {
         let (c, middle, own) = (edges.corners(), edges.centroid(), edges.normal());
-        // Corners in that plane are held by it.
-        let is_apart = |tip: &&DVec3| own.dot(**tip - c[0]).abs() > self.slack_m;
-        let apart: Vec<DVec3> = tips.corners().iter().filter(is_apart).copied().collect();
         for i in 0..c.len() {
             let along = c[(i + 1) % c.len()] - c[i];
             let mut outmost: Option<DVec3> = None;
-            for tip in &apart {
+            for tip in tips.corners() {
                 let away = *tip - c[i];
-                if outmost.is_some_and(|normal| normal.dot(away) <= 0.0) {
+                // Corners in the own plane are held by it.
+                let is_apart = own.dot(*tip - c[0]).abs() > self.slack_m;
+                if !is_apart || outmost.is_some_and(|normal| normal.dot(away) <= 0.0) {
                     continue;
                 }
                 let normal = along.cross(away);
@@ -230,30 +229,24 @@ impl<'a> Shaft<'a> {
     }
 }
 
-/// What has been met so far.
+/// What has been met so far: one more than can be named stands for too many.
 #[derive(Default)]
-struct Found<'a> {
-    blockers: Vec<Blocker<'a>>,
-    count: usize,
-}
+struct Found<'a>(Vec<Blocker<'a>>);
 
 impl<'a> Found<'a> {
     /// Returns whether the patch cuts the whole shaft.
     fn add(&mut self, shaft: &Shaft<'_>, (cluster, patch): Blocker<'a>) -> bool {
         let part = shaft.holds(cluster, patch);
-        if part == Part::Inside {
-            self.count += 1;
-            if self.count <= MOST_BLOCKERS {
-                self.blockers.push((cluster, patch));
-            }
+        if part == Part::Inside && self.0.len() <= MOST_BLOCKERS {
+            self.0.push((cluster, patch));
         }
         part == Part::Across
     }
 
     fn contents(self) -> Contents<'a> {
-        match self.count {
+        match self.0.len() {
             0 => Contents::Nothing,
-            count => Contents::Something((count <= MOST_BLOCKERS).then(|| self.blockers.into())),
+            count => Contents::Something((count <= MOST_BLOCKERS).then(|| self.0.into())),
         }
     }
 }

@@ -56,6 +56,7 @@ struct Refined {
     mesh: Mesh,
     rows: Vec<Vec<Link>>,
     closure: Vec<LeafClosure>,
+    lift: Vec<f64>,
     changed: Vec<bool>,
     stored_changed: bool,
     /// Bytes of the chain of link extents that the rows came from; 0 if there is none.
@@ -93,8 +94,8 @@ impl<'a, 's> GroupSolver<'a, 's> {
             if self.settings.keep_links && refined.stored_changed {
                 rows.push(write_links(id, &refined, writer)?);
             }
-            let Refined { mesh, rows: written, closure, .. } = refined;
-            let member = member(self.set, id, mesh, &closure, first)?;
+            let Refined { mesh, rows: written, closure, lift, .. } = refined;
+            let member = member(self.set, id, mesh, lift, &closure, first)?;
             first += member.mesh.elements.len();
             members.push(member);
             closures.push(closure);
@@ -148,7 +149,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let sealed = receiver.sealed_leaves(&context)?;
         let mut counts = receiver.counts;
         let patches = view.geometry.patches;
-        let emits = |leaf: NodeName| view.materials[leaf.patch_side().index()].exitance != [0.0; 3];
+        let emits = |leaf: NodeName| view.emits(leaf);
         let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
         let closure = closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, |leaf| {
             let escape_rays = closure::escape_rays(emits(leaf));
@@ -173,7 +174,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
         let Receiver { mesh, rows, changed, .. } = receiver;
-        Ok(Refined { mesh, rows, closure, changed, stored_changed, chain_bytes, counts })
+        Ok(Refined { mesh, rows, closure, lift, changed, stored_changed, chain_bytes, counts })
     }
 
     fn gather_and_relax(
@@ -256,8 +257,15 @@ fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> 
     Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
 }
 
-fn member(set: &WorkingSet<'_>, id: ClusterId, mesh: Mesh, closure: &[LeafClosure], first: usize) -> Result<Member> {
-    let factors = push_pull::factors(&mesh, closure);
+fn member(
+    set: &WorkingSet<'_>,
+    id: ClusterId,
+    mesh: Mesh,
+    lift: Vec<f64>,
+    closure: &[LeafClosure],
+    first: usize,
+) -> Result<Member> {
+    let factors = push_pull::factors(&mesh, lift, closure);
     let materials = set.mapped(id)?.view().materials.to_vec();
     Ok(Member { mesh, materials, external: Vec::new(), factors, first })
 }

@@ -152,10 +152,11 @@ impl MemoryScene {
             receiver.refine(&context, &visible).expect("memory does not fail");
             let sealed = receiver.sealed_leaves(&context).expect("memory does not fail");
             let mut counts = receiver.counts;
+            let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
             let closure = closure::rows(
                 &receiver.mesh,
                 &receiver.rows,
-                &seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf)),
+                &lift,
                 |_| false,
                 |leaf| {
                     let patch = &own.patches[usize::from(leaf.patch_side().patch)];
@@ -176,7 +177,7 @@ impl MemoryScene {
             self.counts.rays += counts.rays;
             self.counts.reused += counts.reused;
             let (mesh, rows) = (receiver.mesh, receiver.rows);
-            let factors = push_pull::factors(&mesh, &closure);
+            let factors = push_pull::factors(&mesh, lift, &closure);
             *slot = mesh.elements.iter().map(|e| e.name).zip(rows).collect();
             let length = mesh.elements.len();
             members.push(Member {

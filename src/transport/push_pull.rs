@@ -1,7 +1,6 @@
 //! Push-pull: what arrives at inner elements goes down to the leaves, means come up again.
 
 use super::mesh::Mesh;
-use super::seal;
 use crate::base::{NodeName, Rgb};
 use crate::model::links::LeafClosure;
 
@@ -35,17 +34,14 @@ impl Factors {
 }
 
 /// Factors of every element of a mesh: of a leaf those that close its row, of others what their own light is
-/// multiplied by on its way down (see [`seal::lift`]).
+/// multiplied by on its way down (see [`super::seal::lift`]).
 #[must_use]
-pub fn factors(mesh: &Mesh, closure: &[LeafClosure]) -> Vec<Factors> {
-    let find = |leaf: NodeName| closure.binary_search_by_key(&leaf.0, |c| c.leaf).ok().map(|at| &closure[at]);
-    let lift = seal::lift(mesh, |leaf| find(leaf).is_some_and(|c| c.own_scale == 0.0 && c.above_scale == 0.0));
-    (mesh.elements.iter().zip(lift))
-        .map(|(element, lift)| match find(element.name) {
-            Some(closure) if element.is_leaf() => Factors::of(closure),
-            _ => Factors { own_scale: lift, ..Factors::ONE },
-        })
-        .collect()
+pub fn factors(mesh: &Mesh, lift: Vec<f64>, closure: &[LeafClosure]) -> Vec<Factors> {
+    let mut factors: Vec<Factors> = lift.into_iter().map(|own_scale| Factors { own_scale, ..Factors::ONE }).collect();
+    for c in closure {
+        factors[mesh.nearest(NodeName(c.leaf))] = Factors::of(c);
+    }
+    factors
 }
 
 /// What an element gathered over its own links, W/m2.

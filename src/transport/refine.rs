@@ -166,7 +166,7 @@ impl<'a> Receiver<'a> {
     /// Whether a patch side sends light in this iteration.
     fn is_source(&self, context: &Context<'_>, view: &ClusterView<'_>, root: NodeName) -> bool {
         match context.scope {
-            Scope::Lights => view.materials[root.patch_side().index()].exitance != [0.0; 3],
+            Scope::Lights => view.emits(root),
             Scope::Everything => !view.source(root).radiosity.is_black(),
         }
     }

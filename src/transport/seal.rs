@@ -33,6 +33,7 @@ impl Receiver<'_> {
         // Where lights alone are sources, other links may be there from before: after a lamp has changed.
         let by_rays = context.scope == Scope::Everything;
         let mut linked = vec![false; self.mesh.elements.len()];
+        let mut lit_by_emitters = vec![None; self.mesh.elements.len()];
         for at in 0..self.mesh.elements.len() {
             let element = self.mesh.elements[at];
             linked[at] |= self.rows[at].iter().any(|link| link.form_factor > 0.0);
@@ -51,7 +52,7 @@ impl Receiver<'_> {
             let patch = &self.view.geometry.patches[usize::from(element.name.patch_side().patch)];
             let leaf = Node::at(self.view.id, patch, element.name);
             let sees_light = by_rays && sees_light(context, &leaf, &mut self.counts.rays)?;
-            if !sees_light && !self.is_lit_by_an_emitter(context, at)? {
+            if !sees_light && !self.is_lit_by_an_emitter(context, at, &mut lit_by_emitters)? {
                 sealed.insert(element.name);
             }
         }
@@ -76,19 +77,21 @@ impl Receiver<'_> {
         }
     }
 
-    fn is_lit_by_an_emitter(&self, context: &Context<'_>, leaf: usize) -> Result<bool> {
-        let mut at = leaf;
-        loop {
-            for link in self.rows[at].iter().filter(|link| link.form_factor > 0.0) {
-                if context.clusters.cluster(link.source.cluster())?.view().emits(link.source) {
-                    return Ok(true);
-                }
-            }
-            match self.mesh.elements[at].parent {
-                NONE => return Ok(false),
-                parent => at = parent as usize,
-            }
+    /// Whether an element or one above it is linked to an emitter; what has been asked is in `known`.
+    fn is_lit_by_an_emitter(&self, context: &Context<'_>, at: usize, known: &mut [Option<bool>]) -> Result<bool> {
+        if let Some(is_lit) = known[at] {
+            return Ok(is_lit);
         }
+        let parent = self.mesh.elements[at].parent;
+        let mut is_lit = parent != NONE && self.is_lit_by_an_emitter(context, parent as usize, known)?;
+        for link in self.rows[at].iter().filter(|link| link.form_factor > 0.0) {
+            if is_lit {
+                break;
+            }
+            is_lit = context.clusters.cluster(link.source.cluster())?.view().emits(link.source);
+        }
+        known[at] = Some(is_lit);
+        Ok(is_lit)
     }
 }
 
@@ -187,7 +190,8 @@ mod tests {
             .collect();
         let mut gathered = vec![Gathered::default(); 5];
         gathered[0].add(Rgb::grey(0.6), 0.5, 0.0);
-        let factors = factors(&mesh, &closure);
+        let lift = lift(&mesh, |leaf| leaf == root.child(2));
+        let factors = factors(&mesh, lift, &closure);
         push_pull(&mut mesh, &gathered, &factors);
         assert_eq!(mesh.elements[3].irradiance, Rgb::BLACK);
         assert!((mesh.elements[1].irradiance.max() - 0.4).abs() < 1e-12);
