@@ -193,14 +193,20 @@ impl<'a> Receiver<'a> {
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
             one_region_source: case.may_be_sealed && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
+            rays: None,
         };
-        let Some((found, blockers)) = sight::look(context.cuts, r, s, known, care, &mut self.counts.rays) else {
+        let judge = |found: &Sight| {
+            let case = Case { source_variation: variation(r, s, found.class), ..case };
+            oracle::judge(found, strength, &source, &case, &context.tolerances)
+        };
+        let is_kept = |found: &Sight| judge(found) == Verdict::Keep;
+        let Some(look) = sight::look(context.cuts, r, s, known, care, &is_kept, &mut self.counts.rays) else {
             return;
         };
-        let below = Known { class: found.class, blockers };
+        let found = look.sight;
+        let below = Known { class: found.class, blockers: look.blockers };
         self.counts.evaluated += 1;
-        let case = Case { source_variation: variation(r, s, found.class), ..case };
-        match oracle::judge(&found, strength, &source, &case, &context.tolerances) {
+        match if look.is_kept { Verdict::Keep } else { judge(&found) } {
             Verdict::Keep => {
                 self.keep(at, s.name, &found);
                 if found.form_factor > 0.0 && !emits {

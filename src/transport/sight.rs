@@ -72,6 +72,8 @@ pub struct Care {
     pub one_region_source: bool,
     /// From `--seed`.
     pub seed: u64,
+    /// Rays to cast whatever they tell; as many as matter if none.
+    pub rays: Option<u64>,
 }
 
 /// No form factor's error above this is let pass, however alike source and receiver are now.
@@ -84,9 +86,31 @@ const MOST_RAYS: u64 = 256;
 /// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
 const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
 
+/// What was found out about a pair of nodes.
+pub struct Look<'a> {
+    /// What the receiver sees of the source.
+    pub sight: Sight,
+    /// What pairs below inherit.
+    pub blockers: Blockers<'a>,
+    /// Whether the link is kept, and its rays were cast anew for that.
+    pub is_kept: bool,
+}
+
+impl<'a> Look<'a> {
+    fn certain(sight: Sight) -> Self {
+        Self { sight, blockers: None, is_kept: false }
+    }
+}
+
+/// Sets the rays that count apart from those that decide.
+const FRESH: u64 = 0x6672_6573_6800_0000;
+
 /// Returns what the receiver `r` sees of the source `s`; `None` if they do not face each other.
-/// `known` is inherited from a pair of nodes that holds this one; returned is also what pairs below
-/// inherit. Counts rays in `rays`.
+/// `known` is inherited from a pair of nodes that holds this one. Counts rays in `rays`.
+///
+/// Rays that decide tell nothing of the light: where few meet the source they are believed, where more do the
+/// link is refined or more are cast, and on average too little would arrive. So a link that `is_kept` counts as
+/// many others.
 #[must_use]
 pub fn look<'a>(
     cuts: &Cuts<'a>,
@@ -94,8 +118,9 @@ pub fn look<'a>(
     s: &Node,
     known: &Known<'a>,
     care: Care,
+    is_kept: &dyn Fn(&Sight) -> bool,
     rays: &mut u64,
-) -> Option<(Sight, Blockers<'a>)> {
+) -> Option<Look<'a>> {
     let scene = cuts.scene();
     let slack = scene.snap_m() * 1e-3;
     if !r.faces(s, slack) {
@@ -103,7 +128,7 @@ pub fn look<'a>(
     }
     let nothing = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Hidden };
     if known.class == Visibility::Hidden {
-        return Some((nothing, None));
+        return Some(Look::certain(nothing));
     }
     let centres = r.shape.centre().distance_squared(s.shape.centre());
     let rough = (s.shape.area() / (std::f64::consts::PI * centres)).clamp(1e-8, 1.0);
@@ -114,12 +139,20 @@ pub fn look<'a>(
     let smallest = |node: &Node| is_smallest(node, cuts.min_element_m());
     let region = |node: &Node, wanted: bool| if wanted { cuts.region(node) } else { None };
     let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
+    let mut counted = |blockers: Blockers<'a>| {
+        let (sight, cast) = sample(cuts, [r, s], &clear, regions, care, &blockers, rays);
+        if !is_kept(&sight) {
+            return Look { sight, blockers, is_kept: false };
+        }
+        let care = Care { seed: care.seed ^ FRESH, rays: Some(cast), ..care };
+        let (sight, _) = sample(cuts, [r, s], &clear, regions, care, &blockers, rays);
+        Look { sight, blockers, is_kept: true }
+    };
     if regions.iter().any(Option::is_some) {
-        let sight = sample(cuts, [r, s], &clear, regions, care, &known.blockers, rays);
-        return Some((sight, known.blockers.clone()));
+        return Some(counted(known.blockers.clone()));
     }
     if known.class == Visibility::Visible {
-        return Some((clear, None));
+        return Some(Look::certain(clear));
     }
     let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
     if seen.corners().len() < 3 || seeing.corners().len() < 3 {
@@ -127,9 +160,9 @@ pub fn look<'a>(
     }
     let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
     match scene.shaft(ends[0], ends[1], &known.blockers) {
-        Contents::Nothing => Some((clear, None)),
-        Contents::Wall => Some((nothing, None)),
-        Contents::Something(blockers) => Some((sample(cuts, [r, s], &clear, regions, care, &blockers, rays), blockers)),
+        Contents::Nothing => Some(Look::certain(clear)),
+        Contents::Wall => Some(Look::certain(nothing)),
+        Contents::Something(blockers) => Some(counted(blockers)),
     }
 }
 
@@ -270,6 +303,7 @@ impl Cells {
     }
 }
 
+/// A sight by rays, and how many were cast.
 fn sample(
     cuts: &Cuts<'_>,
     [r, s]: [&Node; 2],
@@ -278,7 +312,7 @@ fn sample(
     care: Care,
     blockers: &Blockers<'_>,
     rays: &mut u64,
-) -> Sight {
+) -> (Sight, u64) {
     let scene = cuts.scene();
     let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
@@ -291,7 +325,7 @@ fn sample(
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally::default();
     let mut open = Mean::default();
-    let mut target = FIRST_RAYS;
+    let mut target = care.rays.unwrap_or(FIRST_RAYS);
     let mut index = 0;
     loop {
         while tally.cast < target && index < 4 * target {
@@ -329,13 +363,19 @@ fn sample(
         let share = tally.share();
         let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;
-        if doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
-            return Sight {
+        if care.rays.is_some()
+            || doubt <= allowed
+            || (mixed && care.can_split)
+            || target >= MOST_RAYS
+            || index >= 4 * target
+        {
+            let sight = Sight {
                 form_factor: unoccluded * share,
                 spread: clear.spread * share + unoccluded * tally.gradient(),
                 uncertainty: doubt + its_error * share,
                 class: Visibility::Partial,
             };
+            return (sight, tally.cast);
         }
         target *= 2;
     }
