@@ -9,7 +9,6 @@ use lru::LruCache;
 use super::group_links::LinkStore;
 use super::working_set::{MappedCluster, WorkingSet};
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
-use crate::geom::quadtree;
 use crate::model::links::LeafClosure;
 use crate::rays::RayScene;
 use crate::rays::locate::Place;
@@ -55,13 +54,7 @@ impl<'a, 's> PointLight<'a, 's> {
 
     /// The leaf element that holds a point of a patch side.
     pub fn leaf(&self, cluster: &MappedCluster, at: Place, point: DVec3) -> Node {
-        let view = cluster.view();
-        let side = PatchSide { patch: at.key.patch as u8, side: at.side };
-        let mut node = Node::root(view.id, &view.geometry.patches[usize::from(side.patch)], side);
-        while view.light.has_children(node.name) {
-            node = node.child(quadtree::child_at(&node.shape, point));
-        }
-        node
+        cluster.view().leaf_at(PatchSide { patch: at.key.patch as u8, side: at.side }, point)
     }
 
     /// Irradiance at a point (m from the store's origin) of a patch side, W/m2.
@@ -106,6 +99,7 @@ impl<'a, 's> PointLight<'a, 's> {
             }
             above = name.parent();
         }
+        gather_point::add_survey(&self.scene, self.set, &place, &mut gathered, &mut self.rays)?;
         Ok(gather_point::finish(&place, &gathered))
     }
 

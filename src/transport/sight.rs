@@ -26,6 +26,8 @@ pub struct Sight {
     pub uncertainty: f64,
     /// What is known of the visibility.
     pub class: Visibility,
+    /// Rays that told so.
+    pub rays: u64,
 }
 
 impl Sight {
@@ -33,7 +35,7 @@ impl Sight {
     #[must_use]
     pub fn without_light(self) -> Self {
         let most = (self.form_factor + self.uncertainty).max(self.withheld());
-        Self { form_factor: 0.0, spread: most, uncertainty: 0.0, class: Visibility::Partial }
+        Self { form_factor: 0.0, spread: most, uncertainty: 0.0, class: Visibility::Partial, rays: 0 }
     }
 
     /// The form factor that was left out, 0 if none was.
@@ -72,6 +74,8 @@ pub struct Care {
     pub one_region_source: bool,
     /// From `--seed`.
     pub seed: u64,
+    /// Rays to cast whatever they tell; as many as matter if none.
+    pub rays: Option<u64>,
 }
 
 /// No form factor's error above this is let pass, however alike source and receiver are now.
@@ -101,7 +105,7 @@ pub fn look<'a>(
     if !r.faces(s, slack) {
         return None;
     }
-    let nothing = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Hidden };
+    let nothing = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Hidden, rays: 0 };
     if known.class == Visibility::Hidden {
         return Some((nothing, None));
     }
@@ -110,7 +114,7 @@ pub fn look<'a>(
     let tolerance = (0.1 * care.allowed * rough.sqrt()).clamp(1e-7, FORM_FACTOR_TOLERANCE);
     let open = form_factor::average(&r.shape, r.normal, &s.shape, s.normal, tolerance);
     let spread = (open.high - open.mean).max(open.mean - open.low);
-    let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible };
+    let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible, rays: 0 };
     let smallest = |node: &Node| is_smallest(node, cuts.min_element_m());
     let region = |node: &Node, wanted: bool| if wanted { cuts.region(node) } else { None };
     let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
@@ -131,6 +135,17 @@ pub fn look<'a>(
         Contents::Wall => Some((nothing, None)),
         Contents::Something(blockers) => Some((sample(cuts, [r, s], &clear, regions, care, &blockers, rays), blockers)),
     }
+}
+
+/// Whether nothing lies between two elements: `false` where that is not proved.
+#[must_use]
+pub fn sees_whole(cuts: &Cuts<'_>, r: &Node, s: &Node) -> bool {
+    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
+    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
+        return false;
+    }
+    let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
+    matches!(cuts.scene().shaft(ends[0], ends[1], &None), Contents::Nothing)
 }
 
 /// Whether an element is too short to be split.
@@ -291,7 +306,7 @@ fn sample(
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally::default();
     let mut open = Mean::default();
-    let mut target = FIRST_RAYS;
+    let mut target = care.rays.unwrap_or(FIRST_RAYS);
     let mut index = 0;
     loop {
         while tally.cast < target && index < 4 * target {
@@ -329,12 +344,13 @@ fn sample(
         let share = tally.share();
         let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;
-        if doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
+        if care.rays.is_some() || doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS || index >= 4 * target {
             return Sight {
                 form_factor: unoccluded * share,
                 spread: clear.spread * share + unoccluded * tally.gradient(),
                 uncertainty: doubt + its_error * share,
                 class: Visibility::Partial,
+                rays: tally.cast,
             };
         }
         target *= 2;
