@@ -39,9 +39,6 @@ const NOISE_SHARE: f64 = 0.5;
 /// By how much a stored row may be off more than a new one before it is surveyed again.
 const STALE: f64 = 1.5;
 
-/// By how much what a node gets may grow before it is surveyed again.
-const GROWN: f64 = 1.5;
-
 /// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
 const DARK: f64 = 1e-3;
 
@@ -127,22 +124,23 @@ impl Receiver<'_> {
         if let (Some(node), None) = (r.as_element(), &region) {
             find_whole(context, node, &pilot, &mut whole)?;
         }
-        let (row, near) = self.row(context, r, &pilot, &whole)?;
-        let mut worth = worth(&row);
-        let unresolved = unresolved(&row[row.len() - near.len()..], &near, &worth);
+        let (looked, near) = self.row(context, r, &pilot, &whole)?;
+        let closed = looked.len() - near.len();
+        let mut worth = worth(&looked);
+        let unresolved = unresolved(&looked[closed..], &near, &worth);
         worth.gradient = worth.gradient.max(worth.irradiance * pilot.uneven_cover());
         if unresolved > context.tolerances.row_w_m2 && self.can_resolve(context, r) {
             return self.survey_below(context, r, &whole);
         }
-        let straddles = r.as_element().is_none() && is_partly_dark(&row, &pilot, &context.tolerances);
+        let straddles = r.as_element().is_none() && is_partly_dark(&looked, &pilot, &context.tolerances);
         match self.verdict(context, r, &worth, !near.is_empty()) {
             Verdict::Keep(_) if straddles => self.survey_below(context, r, &whole),
             Verdict::Split => self.survey_below(context, r, &whole),
             Verdict::Keep(rays) => {
-                let cast = self.cast(context, r, region.as_ref(), rays, FINAL ^ rays);
+                let cast = self.cast(context, r, region.as_ref(), rays, FINAL);
                 let (row, _) = self.row(context, r, &cast, &whole)?;
                 self.counts.evaluated += row.len() as u64;
-                self.keep_row(context, r, row);
+                self.keep_row(context, r, rays, row, &looked[closed..]);
                 Ok(())
             }
         }
@@ -162,12 +160,14 @@ impl Receiver<'_> {
         Ok((row, near))
     }
 
-    fn keep_row(&mut self, context: &Context<'_>, r: &Bundle, row: Lit) {
+    /// Keeps a row of `rays` rays, and with it, carrying nothing, what the rays met that decided.
+    fn keep_row(&mut self, context: &Context<'_>, r: &Bundle, rays: u64, row: Lit, pilot: &[(Link, Rgb)]) {
         let position = self.mesh.position(r.name);
         self.changed[position] = true;
         let is_empty = row.is_empty();
-        self.rows[position].push(mark(r.name, worth(&row).irradiance));
+        self.rows[position].push(mark(r.name, rays));
         self.rows[position].extend(row.into_iter().map(|(link, _)| link));
+        self.rows[position].extend(pilot.iter().map(|(link, _)| as_pilot(link)));
         if is_empty {
             return;
         }
@@ -190,19 +190,24 @@ impl Receiver<'_> {
     /// Whether a stored row still holds; one that does not is made anew.
     pub(super) fn survey_holds(&mut self, context: &Context<'_>, position: usize, row: &[Link]) -> Result<bool> {
         let mut lit = Vec::with_capacity(row.len());
-        let (mut stale, mut before) = (false, 0.0);
+        let (mut stale, mut rays, mut has_counted) = (false, 0, false);
         for link in row.iter().filter(|link| link.class == Visibility::Surveyed) {
-            if link.form_factor == 0.0 {
-                before = f64::from(link.uncertainty);
+            if link.uncertainty >= RAYS.0 as f32 {
+                rays = link.uncertainty as u64;
+                continue;
+            }
+            let is_pilot = link.form_factor == 0.0;
+            if !is_pilot && f64::from(link.uncertainty) > FORM_FACTOR_TOLERANCE {
                 continue;
             }
             let source = context.clusters.cluster(link.source.cluster())?.view().source(link.source);
-            let form_factor = f64::from(link.form_factor);
-            if f64::from(link.uncertainty) <= FORM_FACTOR_TOLERANCE {
+            has_counted |= is_pilot;
+            if !is_pilot {
+                let form_factor = f64::from(link.form_factor);
                 let bound = SOURCE_SIGN * form_factor * source.spread;
                 stale |= source.divided && bound > STALE * context.tolerances.of_link(form_factor);
             }
-            lit.push((*link, source.radiosity));
+            lit.push((if is_pilot { of_pilot(link) } else { *link }, source.radiosity));
         }
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
@@ -211,20 +216,17 @@ impl Receiver<'_> {
             for (link, _) in lit.iter().filter(|(l, _)| f64::from(l.uncertainty) <= FORM_FACTOR_TOLERANCE) {
                 let loaded = context.clusters.cluster(link.source.cluster())?;
                 let view = loaded.view();
-                if !link.source.is_sector() {
-                    let source = view.source(link.source);
-                    let s = node_of(&view, link.source);
-                    let form_factor = f64::from(link.form_factor);
-                    let error = closed_error(node, &s, form_factor, source.spread);
-                    stale |= source.divided && error > STALE * context.tolerances.of_link(form_factor);
-                }
+                let source = view.source(link.source);
+                let s = node_of(&view, link.source);
+                let form_factor = f64::from(link.form_factor);
+                let error = closed_error(node, &s, form_factor, source.spread);
+                stale |= source.divided && error > STALE * context.tolerances.of_link(form_factor);
             }
         }
-        let worth = worth(&lit);
-        // Not by what is off in the row: rows that happen to have met little of what is bright would stay as they are,
-        // those that met much would be made anew, and all would be too dark. The same rays are cast again.
-        let has_grown = worth.irradiance > (GROWN * before).max(DARK * context.tolerances.row_w_m2);
-        if has_grown || stale {
+        // Those that met a row's sources do not decide about it: rows that happen to have met little of what has become
+        // bright would stay as they are, and all would be too dark.
+        let verdict = self.verdict(context, &r, &worth(&lit), has_counted);
+        if stale || !matches!(verdict, Verdict::Keep(wanted) if wanted <= rays) {
             self.survey(context, &r, &[])?;
             return Ok(false);
         }
@@ -328,10 +330,26 @@ impl Cast {
     }
 }
 
-/// A link that carries nothing: tells that a node has been surveyed, and how much it got then, W/m2.
-fn mark(name: NodeName, irradiance_w_m2: f64) -> Link {
+/// A link that carries nothing: tells that a node has been surveyed, and by how many rays.
+fn mark(name: NodeName, rays: u64) -> Link {
     let (spread, class) = (pack_quarters([1.0; 4]), Visibility::Surveyed);
-    Link { source: name, form_factor: 0.0, spread, uncertainty: irradiance_w_m2 as f32, class }
+    Link { source: name, form_factor: 0.0, spread, uncertainty: rays as f32, class }
+}
+
+/// A link of the rays that decide, as it is stored: it carries nothing.
+fn as_pilot(link: &Link) -> Link {
+    Link { form_factor: 0.0, uncertainty: link.form_factor, ..*link }
+}
+
+/// What [`as_pilot`] stored.
+fn of_pilot(link: &Link) -> Link {
+    let share = f64::from(link.uncertainty);
+    Link { form_factor: link.uncertainty, uncertainty: counted_error(share, RAYS.0 as f64) as f32, ..*link }
+}
+
+/// Standard error of a share of `rays` rays: one of all may as well have been none or two.
+fn counted_error(share: f64, rays: f64) -> f64 {
+    (share * (1.0 - share).max(1.0 / rays) / rays).sqrt()
 }
 
 /// Adds sides that many rays met and that the node sees whole.
@@ -429,8 +447,7 @@ fn add_counted(
             let here = run.iter().filter(|m| m.1 == q).count() as f64;
             here / cast.open[q].max(1) as f64 / share
         });
-        // One of all rays may as well have been none or two.
-        let uncertainty = (share * (1.0 - share).max(1.0 / rays) / rays).sqrt() as f32;
+        let uncertainty = counted_error(share, rays) as f32;
         let link = Link {
             source,
             form_factor: share as f32,
