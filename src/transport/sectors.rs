@@ -33,11 +33,6 @@ impl Sector {
         (0..3).map(|i| (self.leaf_high[i] - h[i]).max(h[i] - self.leaf_low[i])).fold(0.0, f64::max)
     }
 
-    /// Whether nothing arrives at some leaf below: it may lie in a sealed place.
-    #[must_use]
-    pub fn has_dark_leaf(&self) -> bool {
-        self.leaf_low.iter().all(|x| *x <= 0.0)
-    }
 }
 
 /// Which way a patch side faces: the sector it belongs to.

@@ -475,24 +475,3 @@ fn cell(view: &ClusterView<'_>, met: &Met, cell_m2: f64) -> NodeName {
     }
     element.name
 }
-
-/// The highest sector node above a side that is no larger than `cell_m2`; where anything in the cluster emits, the
-/// side itself: emitters are linked on their own.
-fn above(view: &ClusterView<'_>, side: PatchSide, root: NodeName, cell_m2: f64) -> NodeName {
-    if view.materials.iter().any(|m| m.exitance != [0.0; 3]) {
-        return root;
-    }
-    let digit = super::sectors::sector_of_side(&view.geometry, side);
-    let mut best = root;
-    let mut tree_node = view.geometry.patches[usize::from(side.patch)].tree_node;
-    while tree_node != NONE {
-        let name = NodeName::sector(view.id, digit, u64::from(tree_node));
-        let Ok(at) = view.geometry.sectors.binary_search_by_key(&name.0, |s| s.name) else { break };
-        if f64::from(view.geometry.sectors[at].area_m2) > cell_m2 {
-            break;
-        }
-        best = name;
-        tree_node = view.geometry.tree[tree_node as usize].parent;
-    }
-    best
-}
