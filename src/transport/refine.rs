@@ -199,14 +199,13 @@ impl<'a> Receiver<'a> {
             let case = Case { source_variation: variation(r, s, found.class), ..case };
             oracle::judge(found, strength, &source, &case, &context.tolerances)
         };
-        let is_kept = |found: &Sight| judge(found) == Verdict::Keep;
-        let Some(look) = sight::look(context.cuts, r, s, known, care, &is_kept, &mut self.counts.rays) else {
+        let Some(look) = sight::look(context.cuts, r, s, known, care, &judge, &mut self.counts.rays) else {
             return;
         };
         let found = look.sight;
         let below = Known { class: found.class, blockers: look.blockers };
         self.counts.evaluated += 1;
-        match if look.is_kept { Verdict::Keep } else { judge(&found) } {
+        match look.verdict {
             Verdict::Keep => {
                 self.keep(at, s.name, &found);
                 if found.form_factor > 0.0 && !emits {

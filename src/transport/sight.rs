@@ -7,6 +7,7 @@
 use glam::DVec3;
 
 use super::form_factor;
+use super::oracle::Verdict;
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
@@ -92,14 +93,8 @@ pub struct Look<'a> {
     pub sight: Sight,
     /// What pairs below inherit.
     pub blockers: Blockers<'a>,
-    /// Whether the link is kept, and its rays were cast anew for that.
-    pub is_kept: bool,
-}
-
-impl<'a> Look<'a> {
-    fn certain(sight: Sight) -> Self {
-        Self { sight, blockers: None, is_kept: false }
-    }
+    /// What to do with the link.
+    pub verdict: Verdict,
 }
 
 /// Sets the rays that count apart from those that decide.
@@ -109,8 +104,8 @@ const FRESH: u64 = 0x6672_6573_6800_0000;
 /// `known` is inherited from a pair of nodes that holds this one. Counts rays in `rays`.
 ///
 /// Rays that decide tell nothing of the light: where few meet the source they are believed, where more do the
-/// link is refined or more are cast, and on average too little would arrive. So a link that `is_kept` counts as
-/// many others.
+/// link is refined or more are cast, and on average too little would arrive. So a link that `judge` keeps counts
+/// as many others.
 #[must_use]
 pub fn look<'a>(
     cuts: &Cuts<'a>,
@@ -118,7 +113,7 @@ pub fn look<'a>(
     s: &Node,
     known: &Known<'a>,
     care: Care,
-    is_kept: &dyn Fn(&Sight) -> bool,
+    judge: &dyn Fn(&Sight) -> Verdict,
     rays: &mut u64,
 ) -> Option<Look<'a>> {
     let scene = cuts.scene();
@@ -126,9 +121,10 @@ pub fn look<'a>(
     if !r.faces(s, slack) {
         return None;
     }
+    let certain = |sight: Sight| Look { sight, blockers: None, verdict: judge(&sight) };
     let nothing = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Hidden };
     if known.class == Visibility::Hidden {
-        return Some(Look::certain(nothing));
+        return Some(certain(nothing));
     }
     let centres = r.shape.centre().distance_squared(s.shape.centre());
     let rough = (s.shape.area() / (std::f64::consts::PI * centres)).clamp(1e-8, 1.0);
@@ -141,18 +137,19 @@ pub fn look<'a>(
     let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
     let mut counted = |blockers: Blockers<'a>| {
         let (sight, cast) = sample(cuts, [r, s], &clear, regions, care, &blockers, rays);
-        if !is_kept(&sight) {
-            return Look { sight, blockers, is_kept: false };
+        let verdict = judge(&sight);
+        if verdict != Verdict::Keep {
+            return Look { sight, blockers, verdict };
         }
         let care = Care { seed: care.seed ^ FRESH, rays: Some(cast), ..care };
         let (sight, _) = sample(cuts, [r, s], &clear, regions, care, &blockers, rays);
-        Look { sight, blockers, is_kept: true }
+        Look { sight, blockers, verdict }
     };
     if regions.iter().any(Option::is_some) {
         return Some(counted(known.blockers.clone()));
     }
     if known.class == Visibility::Visible {
-        return Some(Look::certain(clear));
+        return Some(certain(clear));
     }
     let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
     if seen.corners().len() < 3 || seeing.corners().len() < 3 {
@@ -160,8 +157,8 @@ pub fn look<'a>(
     }
     let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
     match scene.shaft(ends[0], ends[1], &known.blockers) {
-        Contents::Nothing => Some(Look::certain(clear)),
-        Contents::Wall => Some(Look::certain(nothing)),
+        Contents::Nothing => Some(certain(clear)),
+        Contents::Wall => Some(certain(nothing)),
         Contents::Something(blockers) => Some(counted(blockers)),
     }
 }
