@@ -3,7 +3,7 @@
 use super::Arrays;
 use super::geometry::{GeometryView, NONE, SideMaterial};
 use super::light::LightView;
-use super::links::LinksView;
+use super::links::{LinksView, Visibility, class_of};
 use super::origin::{BakeCorner, PatchSource};
 use super::rays::ClusterRaysView;
 use super::visibility::VisibilityView;
@@ -115,7 +115,10 @@ pub fn links(payload: &[u8], cluster: u32) -> Result<(), String> {
     ensure(known, || "the dictionary holds a name of no kind".to_owned())?;
     let fractions = view.form_factor.iter().all(|f| (0.0..=1.0).contains(f));
     ensure(fractions, || "a form factor lies outside 0..=1".to_owned())?;
-    let errors = view.spread.iter().chain(view.uncertainty).all(|x| x.is_finite() && *x >= 0.0);
+    let is_error = |x: &f32| x.is_finite() && *x >= 0.0;
+    let spreads = view.packed.iter().zip(view.spread);
+    let errors = view.uncertainty.iter().all(is_error)
+        && spreads.filter(|(p, _)| class_of(**p) != Visibility::Surveyed).all(|(_, spread)| is_error(spread));
     ensure(errors, || "a spread or uncertainty is not a number".to_owned())?;
     ensure(ascending(view.closure.iter().map(|c| c.leaf)), || "closed rows are out of order".to_owned())?;
     for row in view.closure {

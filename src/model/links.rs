@@ -17,6 +17,8 @@ pub enum Visibility {
     Visible = 1,
     /// Proved: something blocks all of it.
     Hidden = 2,
+    /// Part of a survey: all that a receiver sees of what does not emit, measured by its own rays.
+    Surveyed = 3,
 }
 
 /// One per link extent.
@@ -75,7 +77,8 @@ pub struct LinksView<'a> {
     pub packed: &'a [u32],
     /// Per link: form factor, visibility included.
     pub form_factor: &'a [f32],
-    /// Per link: largest deviation of the form factor over the receiver.
+    /// Per link: largest deviation of the form factor over the receiver; of a surveyed link the bits of four
+    /// bytes, what each quarter of the receiver sees relative to the whole, in 64ths.
     pub spread: &'a [f32],
     /// Per link: standard error of the form factor from sampled visibility.
     pub uncertainty: &'a [f32],
@@ -99,6 +102,7 @@ pub fn class_of(packed: u32) -> Visibility {
     match packed >> INDEX_BITS {
         1 => Visibility::Visible,
         2 => Visibility::Hidden,
+        3 => Visibility::Surveyed,
         _ => Visibility::Partial,
     }
 }

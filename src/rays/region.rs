@@ -33,6 +33,9 @@ pub struct Cuts<'a> {
 
 const KNOWN: usize = 1 << 15;
 
+/// Places along each edge of an element that tell how much of it a part takes up.
+const STEPS: u32 = 4;
+
 impl<'a> Cuts<'a> {
     /// Nothing known yet. No element edge is below `min_element_m`.
     #[must_use]
@@ -63,6 +66,21 @@ impl<'a> Cuts<'a> {
         let is_cut = is_cut(&self.scene, node, self.min_element_m);
         self.known.borrow_mut()[slot] = (node.name, is_cut);
         is_cut
+    }
+
+    /// What a place of a smallest element counts for that a ray met: nothing outside of the part that stands for
+    /// it, in it so much that all elements together count for as much as they take up.
+    #[must_use]
+    pub fn weight(&self, node: &Node, place: DVec3) -> f64 {
+        let Some(region) = self.region(node) else { return 1.0 };
+        if !region.holds(&self.scene, place) {
+            return 0.0;
+        }
+        let side = 0..STEPS;
+        let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS);
+        let inside = side.clone().flat_map(|a| side.clone().map(move |b| (a, b)));
+        let held = inside.filter(|&(a, b)| region.holds(&self.scene, node.shape.point(step(a), step(b)))).count();
+        f64::from(STEPS * STEPS) / held.max(1) as f64
     }
 
     /// The part that stands for a node; `None` if nothing cuts it.

@@ -94,7 +94,7 @@ impl<'s> LinkStore<'_, 's> {
             places.push(match self.clusters.binary_search(&name.cluster()) {
                 Ok(index) => {
                     let member = &members[index];
-                    Place::Inside((member.first + member.mesh.nearest(name)) as u32)
+                    Place::Inside((member.first + member.mesh.position(name)) as u32)
                 }
                 Err(_) => Place::Outside(self.set.mapped(name.cluster())?.view().source(name).radiosity),
             });
@@ -116,7 +116,7 @@ impl<'s> LinkStore<'_, 's> {
                 let names: Vec<u64> = row.iter().map(|l| l.source.0).collect();
                 let table = self.resolve(&names, members)?;
                 for (at, link) in row.iter().enumerate() {
-                    visit(&table, mesh.nearest(receiver), at, link);
+                    visit(&table, mesh.position(receiver), at, link);
                 }
             }
             return Ok(());
@@ -128,7 +128,7 @@ impl<'s> LinkStore<'_, 's> {
         let tables: Vec<_> = views.iter().map(|v| self.resolve(v.sources, members)).collect::<Result<_>>()?;
         link_rows::for_each_row(&views, |receiver, view, range| {
             let table = &tables[views.iter().position(|v| std::ptr::eq(v, view)).expect("one of the views")];
-            let receiver = mesh.nearest(receiver);
+            let receiver = mesh.position(receiver);
             for at in range {
                 visit(table, receiver, index_of(view.packed[at]), &link_rows::link_at(view, at));
             }
@@ -204,12 +204,12 @@ impl InnerLinks for GroupLinks<'_, '_> {
         }
         let mut held = self.room(index);
         let mut count = 0;
-        let elements = &members[index].mesh.elements;
+        let mesh = &members[index].mesh;
         self.store.visit(index, members, |table, receiver, source, link| {
             if let Some(source) = table.inside(source)
                 && link.form_factor > 0.0
             {
-                let error = closure::error(link, elements[receiver].is_leaf()) as f32;
+                let error = closure::error(link, mesh.is_leaf_at(receiver)) as f32;
                 let link = InnerLink { receiver: receiver as u32, source, form_factor: link.form_factor, error };
                 count += 1;
                 visit(&link);

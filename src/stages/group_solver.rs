@@ -15,6 +15,7 @@ use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
+use crate::transport::bundle::SideCache;
 use crate::transport::closure::{self, Row};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::mesh::Mesh;
@@ -72,6 +73,8 @@ pub struct GroupSolver<'a, 's> {
     pub cuts: Cuts<'a>,
     /// What shapes the result.
     pub settings: Settings,
+    /// Sides of clusters, as sector nodes bundle them.
+    pub sides: SideCache,
     /// Where to report.
     pub progress: &'a dyn Progress,
 }
@@ -96,7 +99,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             }
             let Refined { mesh, rows: written, closure, lift, .. } = refined;
             let member = member(self.set, id, mesh, lift, &closure, first)?;
-            first += member.mesh.elements.len();
+            first += member.mesh.node_count();
             members.push(member);
             closures.push(closure);
             drop(written);
@@ -121,7 +124,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let loaded = self.set.mapped(id)?;
         let view = loaded.view();
         let mesh = Mesh::load(id, &view.geometry, &view.light);
-        let mut rows = vec![Vec::new(); mesh.elements.len()];
+        let mut rows = vec![Vec::new(); mesh.node_count()];
         let mut known: HashMap<u64, LeafClosure> = HashMap::new();
         let mut chain_bytes = 0;
         if from_stored {
@@ -129,7 +132,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             let chain = LinkStore::chain(self.set, id, None)?;
             let views = chain.views()?;
             link_rows::for_each_row(&views, |name, view, range| {
-                rows[mesh.nearest(name)] = range.map(|at| link_rows::link_at(view, at)).collect();
+                rows[mesh.position(name)] = range.map(|at| link_rows::link_at(view, at)).collect();
             });
             if let Some(newest) = views.last() {
                 known = newest.closure.iter().map(|c| (c.leaf, *c)).collect();
@@ -141,6 +144,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             tolerances: self.settings.tolerances,
             seed: self.settings.seed,
             scope: self.settings.scope,
+            sides: &self.sides,
             progress: self.progress,
         };
         let (visible, head) = self.set.visible(id)?;
@@ -186,16 +190,16 @@ impl<'a, 's> GroupSolver<'a, 's> {
     ) -> Result<()> {
         let recompute = |index: usize| -> Result<Vec<(NodeName, Vec<Link>)>> {
             let refined = self.refine(clusters[index], false)?;
-            Ok(refined.mesh.elements.iter().map(|e| e.name).zip(refined.rows).collect())
+            Ok(refined.rows.into_iter().enumerate().map(|(at, row)| (refined.mesh.name_at(at), row)).collect())
         };
         let store = LinkStore { set: self.set, clusters, new, recompute: &recompute, keep: self.settings.keep_links };
         self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
         for index in 0..members.len() {
-            let elements = &members[index].mesh.elements;
-            let mut external = vec![Gathered::default(); elements.len()];
+            let mesh = &members[index].mesh;
+            let mut external = vec![Gathered::default(); mesh.node_count()];
             store.visit(index, members, |table: &SourceTable, receiver, source, link| {
                 if let Some(radiosity) = table.outside(source) {
-                    let error = closure::error(link, elements[receiver].is_leaf());
+                    let error = closure::error(link, mesh.is_leaf_at(receiver));
                     external[receiver].add(radiosity, f64::from(link.form_factor), error);
                 }
             })?;
@@ -239,11 +243,11 @@ const MANY_LINKS_BYTES: usize = 4 << 20;
 /// where there is no chain or more than half of it would be garbage.
 fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> Result<UpdateRow> {
     let mut order: Vec<usize> = (0..refined.rows.len()).collect();
-    order.sort_unstable_by_key(|&at| refined.mesh.elements[at].name);
+    order.sort_unstable_by_key(|&at| refined.mesh.name_at(at));
     let extent = |delta: bool| {
         let keep = |at: usize| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() };
         let rows = (order.iter().filter(|&&at| keep(at)))
-            .map(|&at| (refined.mesh.elements[at].name, refined.rows[at].as_slice()))
+            .map(|&at| (refined.mesh.name_at(at), refined.rows[at].as_slice()))
             .collect();
         LinkExtent::new(delta, rows, &refined.closure)
     };

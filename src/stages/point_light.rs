@@ -9,8 +9,7 @@ use lru::LruCache;
 use super::group_links::LinkStore;
 use super::working_set::{MappedCluster, WorkingSet};
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
-use crate::geom::quadtree;
-use crate::model::links::LeafClosure;
+use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::node::Node;
@@ -55,13 +54,7 @@ impl<'a, 's> PointLight<'a, 's> {
 
     /// The leaf element that holds a point of a patch side.
     pub fn leaf(&self, cluster: &MappedCluster, at: Place, point: DVec3) -> Node {
-        let view = cluster.view();
-        let side = PatchSide { patch: at.key.patch as u8, side: at.side };
-        let mut node = Node::root(view.id, &view.geometry.patches[usize::from(side.patch)], side);
-        while view.light.has_children(node.name) {
-            node = node.child(quadtree::child_at(&node.shape, point));
-        }
-        node
+        cluster.view().leaf_at(PatchSide { patch: at.key.patch as u8, side: at.side }, point)
     }
 
     /// Irradiance at a point (m from the store's origin) of a patch side, W/m2.
@@ -88,10 +81,16 @@ impl<'a, 's> PointLight<'a, 's> {
             closure,
         };
         let mut gathered = Gathered::default();
+        let (mut linked, mut is_surveyed) = (Vec::new(), false);
         let mut above = Some(leaf.name);
         while let Some(name) = above {
             if let Ok(i) = rows.rows.binary_search_by_key(&name, |r| r.0) {
                 for link in &rows.rows[i].1 {
+                    if link.class == Visibility::Surveyed {
+                        is_surveyed = true;
+                        continue;
+                    }
+                    linked.push(NodeName::root(link.source.cluster(), link.source.patch_side()));
                     let source = self.set.cluster(link.source.cluster())?;
                     gather_point::add_link(
                         &self.scene,
@@ -105,6 +104,13 @@ impl<'a, 's> PointLight<'a, 's> {
                 }
             }
             above = name.parent();
+        }
+        // Rows of sector nodes come last.
+        is_surveyed |= rows.rows.last().is_some_and(|(name, _)| name.is_sector());
+        if is_surveyed {
+            linked.sort_unstable();
+            linked.dedup();
+            gather_point::add_survey(&self.scene, self.set, &place, &linked, &mut gathered, &mut self.rays)?;
         }
         Ok(gather_point::finish(&place, &gathered))
     }

@@ -22,6 +22,7 @@ use crate::store::stage_rows::hash;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
+use crate::transport::bundle::SideCache;
 use crate::transport::refine::Scope;
 use crate::transport::relax::Inner;
 
@@ -333,7 +334,7 @@ fn solve(
     require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
     let cuts = Cuts::new(scene, settings.tolerances.min_element_m);
-    let solver = GroupSolver { set, cuts, settings, progress };
+    let solver = GroupSolver { set, cuts, settings, sides: SideCache::default(), progress };
     let mut solved = solver.solve(&clusters, &mut worker.segment)?;
     let after = resources();
     solved.report.peak_anon_bytes = after.peak_anon_bytes;

@@ -14,7 +14,8 @@ use super::link_rows::Link;
 use super::mesh::Mesh;
 use crate::base::NodeName;
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
-use crate::model::links::LeafClosure;
+use crate::model::geometry::NONE;
+use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
@@ -115,7 +116,7 @@ const FLOOR: f64 = 1e-4;
 #[must_use]
 pub fn error(link: &Link, is_leafs: bool) -> f64 {
     let form_factor = f64::from(link.form_factor);
-    let half_spread = if is_leafs { 0.0 } else { 0.5 * f64::from(link.spread) };
+    let half_spread = if is_leafs || link.class == Visibility::Surveyed { 0.0 } else { 0.5 * f64::from(link.spread) };
     (f64::from(link.uncertainty) + FLOOR * form_factor + half_spread).min(form_factor)
 }
 
@@ -130,7 +131,20 @@ pub fn rows(
     emits: impl Fn(NodeName) -> bool,
     mut measured: impl FnMut(NodeName) -> Row,
 ) -> Vec<LeafClosure> {
+    let (of_sectors, links) = links.split_at(mesh.sectors.len());
+    let mut down: Vec<Sums> = Vec::with_capacity(of_sectors.len());
+    for ((sector, row), lift) in mesh.sectors.iter().zip(of_sectors).zip(lift) {
+        let above = if sector.parent == NONE { Sums::default() } else { down[sector.parent as usize] };
+        let own = row.iter().fold(Sums::default(), |sum, link| sum.with(link, false));
+        down.push(above.plus(&own.times(*lift)));
+    }
+    let lift = &lift[mesh.sectors.len()..];
     let mut above = vec![Sums::default(); mesh.elements.len()];
+    for (root, &sector) in mesh.side_sector.iter().enumerate() {
+        if sector != NONE {
+            above[root] = down[sector as usize];
+        }
+    }
     let mut out = Vec::new();
     for (at, element) in mesh.elements.iter().enumerate() {
         if !element.is_leaf() {

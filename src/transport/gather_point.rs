@@ -7,15 +7,16 @@ use super::form_factor;
 use super::link_rows::Link;
 use super::refine::DIM;
 use super::sight::{self, UNANIMOUS};
-use super::source::ClusterView;
-use crate::base::Rgb;
+use super::source::{ClusterView, Clusters};
+use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
-use crate::geom::sequence::{Sequence, mix};
+use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::region::Region;
+use crate::rays::traverse::Nearest;
 
 /// The place: a point on a patch side.
 pub struct Place<'a> {
@@ -85,7 +86,7 @@ pub fn add_link(
     gathered: &mut Gathered,
     rays: &mut u64,
 ) {
-    if link.class == Visibility::Hidden {
+    if matches!(link.class, Visibility::Hidden | Visibility::Surveyed) {
         return;
     }
     let patch = &source_view.geometry.patches[usize::from(link.source.patch_side().patch)];
@@ -226,6 +227,45 @@ impl View<'_> {
         let (share, effective) = (visible / all, all * all / squares);
         (share, (share * (1.0 - share) / effective).sqrt().max(UNANIMOUS / (effective + 1.0)))
     }
+}
+
+/// Rays of a point's own survey.
+const SURVEY_RAYS: u64 = 1024;
+
+/// Adds what arrives from all sides that are not in `linked` (ascending): the point looks for itself. Counts rays.
+pub fn add_survey(
+    scene: &RayScene<'_>,
+    clusters: &dyn Clusters,
+    place: &Place<'_>,
+    linked: &[NodeName],
+    gathered: &mut Gathered,
+    rays: &mut u64,
+) -> Result<()> {
+    let p = place.point;
+    let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
+    let sequence = Sequence::new(mix(bits));
+    let (mut met, mut light) = (0u64, Rgb::BLACK);
+    for index in 0..SURVEY_RAYS {
+        let [_, _, c, d] = sequence.point(index);
+        let direction = cosine_direction(place.leaf.normal, c, d);
+        *rays += 1;
+        let Nearest::Met(hit) = scene.nearest(p, direction, Some(&place.leaf.end)) else { continue };
+        let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
+        let view = loaded.view();
+        let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+        let root = NodeName::root(view.id, at);
+        if !view.takes_part(at.index()) || view.emits(root) || linked.binary_search(&root).is_ok() {
+            continue;
+        }
+        met += 1;
+        light += view.source(view.leaf_at(at, p + direction * hit.t).name).radiosity;
+    }
+    if met > 0 {
+        let share = met as f64 / SURVEY_RAYS as f64;
+        let error = (share * (1.0 - share).max(1.0 / SURVEY_RAYS as f64) / SURVEY_RAYS as f64).sqrt();
+        gathered.add(light * (1.0 / met as f64), Seen { form_factor: share, error });
+    }
+    Ok(())
 }
 
 /// Irradiance at the place, its row closed as its leaf's was.

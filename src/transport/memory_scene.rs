@@ -6,6 +6,7 @@ use std::rc::Rc;
 use bytemuck::Zeroable;
 use glam::DVec3;
 
+use super::bundle::SideCache;
 use super::closure::{self, Row};
 use super::link_rows::Link;
 use super::mesh::Mesh;
@@ -18,7 +19,9 @@ use super::seal;
 use super::source::{ClusterView, Clusters, Loaded};
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
-use crate::model::geometry::{ClusterHead, GeometryView, PatchRecord, SideMaterial};
+use crate::model::geometry::{
+    ClusterHead, GeometryView, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of,
+};
 use crate::model::light::LightView;
 use crate::model::links::LeafClosure;
 use crate::model::rays::{ClusterRef, TopRaysView};
@@ -29,6 +32,8 @@ use crate::rays::region::Cuts;
 /// One cluster of one polygon.
 struct Stored {
     head: ClusterHead,
+    tree: Vec<TreeNode>,
+    sectors: Vec<SectorHead>,
     patches: Vec<PatchRecord>,
     materials: Vec<SideMaterial>,
     light: Vec<u64>,
@@ -38,7 +43,12 @@ impl Loaded for Stored {
     fn view(&self) -> ClusterView<'_> {
         ClusterView {
             id: ClusterId(self.head.cluster),
-            geometry: GeometryView { head: &self.head, patches: &self.patches, tree: &[], sectors: &[] },
+            geometry: GeometryView {
+                head: &self.head,
+                patches: &self.patches,
+                tree: &self.tree,
+                sectors: &self.sectors,
+            },
             materials: &self.materials,
             light: LightView::parse(bytemuck::cast_slice(&self.light)).expect("written by `records`"),
         }
@@ -70,6 +80,14 @@ fn aligned(bytes: &[u8]) -> Vec<u64> {
     words
 }
 
+/// The two sector nodes of a cluster of one patch.
+fn sectors_of(cluster: ClusterId, patch: &PatchRecord) -> Vec<SectorHead> {
+    let front = quadtree::patch_polygon(patch).normal();
+    let mut names = [front, -front].map(|n| NodeName::sector(cluster, sector_of(n.to_array()), 0).0);
+    names.sort_unstable();
+    names.map(|name| SectorHead { name, area_m2: patch.area_m2, tree_node: 0 }).to_vec()
+}
+
 impl MemoryScene {
     /// From polygons of three or four corners with reflectance and exitance (W/m2) of the front; the
     /// back reflects alike and emits nothing.
@@ -96,13 +114,16 @@ impl MemoryScene {
             let front = SideMaterial { rho: [*rho as f32; 3], exitance: [*exitance as f32; 3] };
             let materials = vec![front, SideMaterial { exitance: [0.0; 3], ..front }];
             let patches = vec![patch];
-            let geometry = GeometryView { head: &head, patches: &patches, tree: &[], sectors: &[] };
-            let mut mesh = Mesh { cluster: ClusterId(i as u32), elements: Vec::new() };
+            let mut tree = vec![TreeNode::zeroed()];
+            (tree[0].patch_count, tree[0].left, tree[0].right, tree[0].parent) = (1, NONE, NONE, NONE);
+            let sectors = sectors_of(ClusterId(i as u32), &patch);
+            let geometry = GeometryView { head: &head, patches: &patches, tree: &tree, sectors: &sectors };
+            let mut mesh = Mesh::empty(ClusterId(i as u32), &geometry);
             for side in 0..2 {
                 mesh.add_root(&geometry, PatchSide { patch: 0, side });
             }
             let light = aligned(&records::encode(&mesh, &geometry, &materials));
-            stored.push(Rc::new(Stored { head, patches, materials, light }));
+            stored.push(Rc::new(Stored { head, tree, sectors, patches, materials, light }));
         }
         let (nodes, refs) = crate::rays::build::top(&refs);
         let count = stored.len();
@@ -131,13 +152,14 @@ impl MemoryScene {
         let mut members = Vec::new();
         let mut first = 0;
         let mut all_rows = std::mem::take(&mut self.rows);
+        let sides = SideCache::default();
         for (i, slot) in all_rows.iter_mut().enumerate() {
             let own = self.stored.borrow()[i].clone();
             let view = own.view();
             let mesh = Mesh::load(view.id, &view.geometry, &view.light);
-            let mut rows = vec![Vec::new(); mesh.elements.len()];
+            let mut rows = vec![Vec::new(); mesh.node_count()];
             for (name, row) in std::mem::take(slot) {
-                rows[mesh.nearest(name)] = row;
+                rows[mesh.position(name)] = row;
             }
             let cuts = Cuts::new(self.rays(), min_element_m);
             let context = Context {
@@ -146,6 +168,7 @@ impl MemoryScene {
                 tolerances: Tolerances { row_w_m2, min_element_m },
                 seed: self.seed,
                 scope,
+                sides: &sides,
                 progress: &Quiet,
             };
             let mut receiver = Receiver::new(view, mesh, rows);
@@ -178,8 +201,8 @@ impl MemoryScene {
             self.counts.reused += counts.reused;
             let (mesh, rows) = (receiver.mesh, receiver.rows);
             let factors = push_pull::factors(&mesh, lift, &closure);
-            *slot = mesh.elements.iter().map(|e| e.name).zip(rows).collect();
-            let length = mesh.elements.len();
+            *slot = rows.into_iter().enumerate().map(|(at, row)| (mesh.name_at(at), row)).collect();
+            let length = mesh.node_count();
             members.push(Member {
                 mesh,
                 materials: own.materials.clone(),
@@ -197,7 +220,14 @@ impl MemoryScene {
             let old = self.stored.borrow()[i].clone();
             let view = old.view();
             let light = aligned(&records::encode(&member.mesh, &view.geometry, view.materials));
-            let new = Stored { head: old.head, patches: old.patches.clone(), materials: old.materials.clone(), light };
+            let new = Stored {
+                head: old.head,
+                tree: old.tree.clone(),
+                sectors: old.sectors.clone(),
+                patches: old.patches.clone(),
+                materials: old.materials.clone(),
+                light,
+            };
             self.stored.borrow_mut()[i] = Rc::new(new);
         }
     }
@@ -227,11 +257,11 @@ struct AllLinks<'a>(&'a [Vec<(NodeName, Vec<Link>)>]);
 impl InnerLinks for AllLinks<'_> {
     fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
         for (name, row) in &self.0[index] {
-            let receiver = members[index].mesh.nearest(*name) as u32;
-            let is_leafs = members[index].mesh.elements[receiver as usize].is_leaf();
+            let receiver = members[index].mesh.position(*name) as u32;
+            let is_leafs = members[index].mesh.is_leaf_at(receiver as usize);
             for link in row {
                 let member = &members[link.source.cluster().0 as usize];
-                let source = (member.first + member.mesh.nearest(link.source)) as u32;
+                let source = (member.first + member.mesh.position(link.source)) as u32;
                 let error = closure::error(link, is_leafs) as f32;
                 visit(&InnerLink { receiver, source, form_factor: link.form_factor, error });
             }

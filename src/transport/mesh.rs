@@ -1,5 +1,6 @@
 //! The elements of one receiving cluster while a task works on it: an arena of quadtrees.
 
+use super::sectors::{self, Sector};
 use crate::base::{ClusterId, NodeName, PatchSide, Rgb};
 use crate::geom::quadtree;
 use crate::model::geometry::{GeometryView, NONE};
@@ -50,20 +51,64 @@ impl Element {
     }
 }
 
-/// All elements of a cluster; the first two per patch are the roots of its sides.
+/// All nodes of a cluster. Positions count sector nodes first, then elements.
 #[derive(Clone, Debug)]
 pub struct Mesh {
     /// The cluster.
     pub cluster: ClusterId,
+    /// Sector nodes, by name: those above come earlier.
+    pub sectors: Vec<Sector>,
+    /// The lowest sector node above each patch side, [`NONE`] where a side takes no part.
+    pub side_sector: Vec<u32>,
+    /// Elements; the first two per patch are the roots of its sides.
     /// The arena: children lie behind their parents.
     pub elements: Vec<Element>,
 }
 
 impl Mesh {
+    /// Sector nodes without elements below.
+    #[must_use]
+    pub fn empty(cluster: ClusterId, geometry: &GeometryView<'_>) -> Self {
+        let of = NodeName::root(cluster, PatchSide { patch: 0, side: 0 });
+        let side_sector = sectors::above_sides(geometry, of);
+        Self { cluster, sectors: sectors::load(geometry), side_sector, elements: Vec::new() }
+    }
+
+    /// Number of nodes.
+    #[must_use]
+    pub fn node_count(&self) -> usize {
+        self.sectors.len() + self.elements.len()
+    }
+
+    /// Position of the node of that name, or of the nearest one above it.
+    #[must_use]
+    pub fn position(&self, name: NodeName) -> usize {
+        if name.is_sector() {
+            return self.sectors.partition_point(|s| s.name < name);
+        }
+        self.sectors.len() + self.nearest(name)
+    }
+
+    /// Name of the node at a position.
+    #[must_use]
+    pub fn name_at(&self, position: usize) -> NodeName {
+        match position.checked_sub(self.sectors.len()) {
+            Some(element) => self.elements[element].name,
+            None => self.sectors[position].name,
+        }
+    }
+
+    /// Whether the node at a position is a leaf.
+    #[must_use]
+    pub fn is_leaf_at(&self, position: usize) -> bool {
+        position.checked_sub(self.sectors.len()).is_some_and(|element| self.elements[element].is_leaf())
+    }
+
     /// As stored in a version.
     #[must_use]
     pub fn load(cluster: ClusterId, geometry: &GeometryView<'_>, light: &LightView<'_>) -> Self {
-        let mut mesh = Self { cluster, elements: Vec::with_capacity(light.elements.len()) };
+        let mut mesh = Self::empty(cluster, geometry);
+        mesh.elements.reserve(light.elements.len());
         for (index, stored) in light.level(0).iter().enumerate() {
             let at = PatchSide::from_index(index);
             let area = quadtree::patch_polygon(&geometry.patches[usize::from(at.patch)]).area();

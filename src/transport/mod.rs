@@ -1,6 +1,7 @@
 //! The physics: form factors, visibility of links, oracle, refinement, push-pull, closure, relaxation.
 //! Pure: views of records in, records out.
 
+pub mod bundle;
 pub mod closure;
 pub mod contour;
 pub mod form_factor;
@@ -16,8 +17,11 @@ pub mod refine;
 pub mod relax;
 pub mod residual;
 pub mod seal;
+pub mod sectors;
 pub mod sight;
 pub mod source;
+pub mod survey;
+pub mod survey_row;
 
 #[cfg(test)]
 mod form_factor_tests;

@@ -1,7 +1,9 @@
 //! Push-pull: what arrives at inner elements goes down to the leaves, means come up again.
 
 use super::mesh::Mesh;
+use super::sectors;
 use crate::base::{NodeName, Rgb};
+use crate::model::geometry::NONE;
 use crate::model::links::LeafClosure;
 
 /// How a leaf's row is closed: see [`super::closure`].
@@ -33,13 +35,13 @@ impl Factors {
     }
 }
 
-/// Factors of every element of a mesh: of a leaf those that close its row, of others what their own light is
-/// multiplied by on its way down (see [`super::seal::lift`]).
+/// Factors of every node of a mesh, by position: of a leaf those that close its row, of others what their own
+/// light is multiplied by on its way down (see [`super::seal::lift`]).
 #[must_use]
 pub fn factors(mesh: &Mesh, lift: Vec<f64>, closure: &[LeafClosure]) -> Vec<Factors> {
     let mut factors: Vec<Factors> = lift.into_iter().map(|own_scale| Factors { own_scale, ..Factors::ONE }).collect();
     for c in closure {
-        factors[mesh.nearest(NodeName(c.leaf))] = Factors::of(c);
+        factors[mesh.position(NodeName(c.leaf))] = Factors::of(c);
     }
     factors
 }
@@ -69,16 +71,30 @@ impl Gathered {
     }
 }
 
-/// Sets every element's irradiance from what each gathered over its own links (by position in the mesh)
-/// and each leaf's closing factors. Keeps power: a parent's irradiance is the area-weighted mean of its
-/// children's.
+/// Sets every node's irradiance from what each gathered over its own links (by position in the mesh) and
+/// each leaf's closing factors (by element). Keeps power: a node's irradiance is the area-weighted mean of
+/// those below it.
 pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
+    let (of_sectors, own) = gathered.split_at(mesh.sectors.len());
     let mut above = vec![Gathered::default(); mesh.elements.len()];
-    // Children lie behind their parents: one pass down, one up.
+    let (of_above, factors) = factors.split_at(mesh.sectors.len());
+    // Those above come earlier: one pass down, one up.
+    let mut down: Vec<Gathered> = of_sectors.iter().zip(of_above).map(|(own, by)| own.times(by.own_scale)).collect();
+    for at in 0..down.len() {
+        let parent = mesh.sectors[at].parent;
+        if parent != NONE {
+            down[at] = down[at].plus(down[parent as usize]);
+        }
+    }
+    for (root, &sector) in mesh.side_sector.iter().enumerate() {
+        if sector != NONE {
+            above[root] = down[sector as usize];
+        }
+    }
     for at in 0..mesh.elements.len() {
         let element = &mut mesh.elements[at];
         if element.is_leaf() {
-            let (own, above, by) = (&gathered[at], &above[at], &factors[at]);
+            let (own, above, by) = (&own[at], &above[at], &factors[at]);
             let closed = own.light * by.own_scale
                 + own.doubt * by.own_correction
                 + above.light * by.above_scale
@@ -87,7 +103,7 @@ pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
             element.set_irradiance(Rgb(closed.0.map(|x| x.max(0.0))));
         } else {
             let first = element.first_child as usize;
-            let down = above[at].plus(gathered[at].times(factors[at].own_scale));
+            let down = above[at].plus(own[at].times(factors[at].own_scale));
             above[first..first + 4].fill(down);
         }
     }
@@ -110,4 +126,5 @@ pub fn pull(mesh: &mut Mesh) {
         above.leaf_high =
             std::array::from_fn(|i| children.iter().map(|c| c.leaf_high[i]).fold(f64::NEG_INFINITY, f64::max));
     }
+    sectors::pull(mesh);
 }

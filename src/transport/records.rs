@@ -71,7 +71,7 @@ fn sectors(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial])
             let tree = &geometry.tree[head.tree_node as usize];
             debug_assert_ne!(head.tree_node, NONE);
             let first = usize::from(tree.first_patch) * 2;
-            let sector = ((head.name >> 35) & 7) as u8;
+            let sector = head.node().sector_digit();
             let below = || {
                 sides[first..first + usize::from(tree.patch_count) * 2].iter().flatten().filter(|s| s.sector == sector)
             };

@@ -3,6 +3,7 @@
 
 use std::collections::HashSet;
 
+use super::bundle::SideCache;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::{self, Case, Tolerances, Verdict};
@@ -36,6 +37,8 @@ pub struct Context<'a> {
     pub seed: u64,
     /// Which sources to link.
     pub scope: Scope,
+    /// Sides of clusters, as sector nodes bundle them.
+    pub sides: &'a SideCache,
     /// Where interruption is asked for.
     pub progress: &'a dyn Progress,
 }
@@ -56,9 +59,9 @@ pub struct Receiver<'a> {
     pub(super) view: ClusterView<'a>,
     /// Its elements.
     pub mesh: Mesh,
-    /// Links of each element of the mesh.
+    /// Links of each node of the mesh, by position.
     pub rows: Vec<Vec<Link>>,
-    /// Elements whose rows were changed.
+    /// Nodes whose rows were changed.
     pub changed: Vec<bool>,
     /// What was done.
     pub counts: Counts,
@@ -69,11 +72,11 @@ pub struct Receiver<'a> {
 }
 
 impl<'a> Receiver<'a> {
-    /// Over stored elements and links (`rows` parallel to the mesh's elements).
+    /// Over stored nodes and links (`rows` by position in the mesh).
     #[must_use]
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
-        let (cut, followed) = (vec![None; rows.len()], vec![false; rows.len()]);
+        let (cut, followed) = (vec![None; mesh.elements.len()], vec![false; mesh.elements.len()]);
         Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed }
     }
 
@@ -90,11 +93,18 @@ impl<'a> Receiver<'a> {
             .collect();
         let mut linked = self.linked_sides();
         let all: Vec<usize> = (0..sides.len()).collect();
-        self.link_sources(context, visible, &sides, &all, &mut linked, true)?;
-        if context.scope == Scope::Everything {
+        if !sees_few(context, visible)? {
+            self.link_sources(context, visible, &sides, &all, &mut linked, Sources::Emitting)?;
+            if context.scope == Scope::Everything {
+                self.survey_all(context)?;
+            }
+        } else if context.scope == Scope::Lights {
+            self.link_sources(context, visible, &sides, &all, &mut linked, Sources::Emitting)?;
+        } else {
+            self.link_sources(context, visible, &sides, &all, &mut linked, Sources::Lit)?;
             let lit_sides = self.sides_that_matter();
             let lit: Vec<usize> = all.into_iter().filter(|&i| lit_sides[sides[i].name.patch_side().index()]).collect();
-            self.link_sources(context, visible, &sides, &lit, &mut linked, false)?;
+            self.link_sources(context, visible, &sides, &lit, &mut linked, Sources::Dark)?;
         }
         for row in &mut self.rows {
             row.sort_by_key(|l| l.source);
@@ -106,9 +116,10 @@ impl<'a> Receiver<'a> {
     /// Patch sides that any link of each receiver side leads to: (receiver side index, source side).
     fn linked_sides(&self) -> HashSet<(usize, u64)> {
         let mut linked = HashSet::new();
-        for (element, row) in self.mesh.elements.iter().zip(&self.rows) {
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
             let side = element.name.patch_side().index();
-            linked.extend(row.iter().map(|l| (side, side_key(l.source))));
+            let pairs = row.iter().filter(|l| l.class != Visibility::Surveyed);
+            linked.extend(pairs.map(|l| (side, side_key(l.source))));
         }
         linked
     }
@@ -116,7 +127,7 @@ impl<'a> Receiver<'a> {
     fn sides_that_matter(&self) -> Vec<bool> {
         // Emitters need whole rows even where nothing lights them: what they see tells what escapes.
         let mut lit: Vec<bool> = self.view.materials.iter().map(|m| m.exitance != [0.0; 3]).collect();
-        for (element, row) in self.mesh.elements.iter().zip(&self.rows) {
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
             if row.iter().any(|l| l.form_factor > 0.0) {
                 lit[element.name.patch_side().index()] = true;
             }
@@ -131,7 +142,7 @@ impl<'a> Receiver<'a> {
         sides: &[Node],
         chosen: &[usize],
         linked: &mut HashSet<(usize, u64)>,
-        lit: bool,
+        which: Sources,
     ) -> Result<()> {
         if chosen.is_empty() {
             return Ok(());
@@ -146,7 +157,7 @@ impl<'a> Receiver<'a> {
             for index in 0..2 * view.geometry.patches.len() {
                 let at = PatchSide::from_index(index);
                 let name = NodeName::root(id, at);
-                if !view.takes_part(index) || self.is_source(context, &view, name) != lit {
+                if !view.takes_part(index) || !which.hold(&view, name) {
                     continue;
                 }
                 let s = Node::root(id, &view.geometry.patches[usize::from(at.patch)], at);
@@ -163,16 +174,8 @@ impl<'a> Receiver<'a> {
         Ok(())
     }
 
-    /// Whether a patch side sends light in this iteration.
-    fn is_source(&self, context: &Context<'_>, view: &ClusterView<'_>, root: NodeName) -> bool {
-        match context.scope {
-            Scope::Lights => view.emits(root),
-            Scope::Everything => !view.source(root).radiosity.is_black(),
-        }
-    }
-
     /// Links `r` (element `at` of the mesh) to `s`, as finely as the oracle asks for.
-    fn link<'c>(
+    pub(super) fn link<'c>(
         &mut self,
         context: &Context<'c>,
         source_view: &ClusterView<'_>,
@@ -206,13 +209,8 @@ impl<'a> Receiver<'a> {
         let below = Known { class: found.class, blockers: look.blockers };
         self.counts.evaluated += 1;
         match look.verdict {
-            Verdict::Keep => {
-                self.keep(at, s.name, &found);
-                if found.form_factor > 0.0 && !emits {
-                    self.split_along_cuts(context, at, r);
-                }
-            }
-            Verdict::Withhold => self.keep(at, s.name, &found.without_light()),
+            Verdict::Keep => self.keep(self.position(at), s.name, &found),
+            Verdict::Withhold => self.keep(self.position(at), s.name, &found.without_light()),
             Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, &below),
             Verdict::SplitSource => {
                 for quarter in 0..4 {
@@ -222,6 +220,12 @@ impl<'a> Receiver<'a> {
         }
     }
 
+    /// Position among all nodes of the mesh of an element.
+    pub(super) fn position(&self, element: usize) -> usize {
+        self.mesh.sectors.len() + element
+    }
+
+    /// Whether walls stand on an element.
     pub(super) fn find_out_whether_cut(&mut self, context: &Context<'_>, at: usize, r: &Node) {
         if self.cut[at].is_none() {
             // What nothing cuts has no cut children.
@@ -231,8 +235,9 @@ impl<'a> Receiver<'a> {
         }
     }
 
-    fn keep(&mut self, at: usize, source: NodeName, sight: &Sight) {
-        let row = &mut self.rows[at];
+    /// Adds a link to the node at `position`.
+    pub(super) fn keep(&mut self, position: usize, source: NodeName, sight: &Sight) {
+        let row = &mut self.rows[position];
         if row.len() == row.capacity() {
             // Rows are most of what a task holds: they do not grow by doubling.
             row.reserve_exact((row.len() / 8).max(4));
@@ -244,7 +249,19 @@ impl<'a> Receiver<'a> {
             uncertainty: sight.uncertainty as f32,
             class: sight.class,
         });
-        self.changed[at] = true;
+        self.changed[position] = true;
+    }
+
+    /// Gives an element children.
+    pub(super) fn split(&mut self, at: usize) {
+        if self.mesh.elements[at].is_leaf() {
+            let patch = &self.view.geometry.patches[usize::from(self.mesh.elements[at].name.patch_side().patch)];
+            self.mesh.split(at, patch);
+            self.rows.resize_with(self.mesh.node_count(), Vec::new);
+            self.changed.resize(self.mesh.node_count(), true);
+            self.cut.resize(self.mesh.elements.len(), None);
+            self.followed.resize(self.mesh.elements.len(), false);
+        }
     }
 
     fn link_children<'c>(
@@ -260,18 +277,6 @@ impl<'a> Receiver<'a> {
         let first = self.mesh.elements[at].first_child as usize;
         for quarter in 0..4u32 {
             self.link(context, source_view, first + quarter as usize, &r.child(quarter), s, known);
-        }
-    }
-
-    /// Gives an element children.
-    pub(super) fn split(&mut self, at: usize) {
-        if self.mesh.elements[at].is_leaf() {
-            let patch = &self.view.geometry.patches[usize::from(self.mesh.elements[at].name.patch_side().patch)];
-            self.mesh.split(at, patch);
-            self.rows.resize_with(self.mesh.elements.len(), Vec::new);
-            self.changed.resize(self.mesh.elements.len(), true);
-            self.cut.resize(self.mesh.elements.len(), None);
-            self.followed.resize(self.mesh.elements.len(), false);
         }
     }
 
@@ -299,53 +304,64 @@ impl<'a> Receiver<'a> {
     /// Tests every stored link against today's light and refines those that no longer do. Casts no
     /// ray and changes nothing where all do.
     fn test_stored(&mut self, context: &Context<'_>) -> Result<()> {
-        let stored = self.mesh.elements.len();
-        for at in 0..stored {
+        for position in 0..self.mesh.node_count() {
             if context.progress.interrupted() {
                 return Err(Error::Interrupted);
             }
-            let row = std::mem::take(&mut self.rows[at]);
-            if row.is_empty() {
-                continue;
-            }
-            let name = self.mesh.elements[at].name;
-            let patch = &self.view.geometry.patches[usize::from(name.patch_side().patch)];
-            let r = Node::at(self.view.id, patch, name);
+            let row = std::mem::take(&mut self.rows[position]);
+            let is_surveyed = row.iter().any(|link| link.class == Visibility::Surveyed);
+            let surveyed_stays = is_surveyed && self.survey_holds(context, position, &row)?;
             let mut kept = Vec::with_capacity(row.len());
             for link in row {
-                let loaded = context.clusters.cluster(link.source.cluster())?;
-                let view = loaded.view();
-                let verdict = self.test(context, &view, at, &r, &link);
-                let is_withheld = link.form_factor == 0.0;
-                if verdict == Verdict::Keep || (verdict == Verdict::Withhold && is_withheld) {
+                let stays = match link.class {
+                    Visibility::Surveyed => surveyed_stays,
+                    Visibility::Hidden => true,
+                    _ => {
+                        let loaded = context.clusters.cluster(link.source.cluster())?;
+                        self.test_elements(context, &loaded.view(), position - self.mesh.sectors.len(), &link)
+                    }
+                };
+                if stays {
                     self.counts.reused += 1;
                     kept.push(link);
-                    continue;
-                }
-                self.changed[at] = true;
-                let (s, known) = (node(&view, link.source), Known::stored(link.class));
-                match verdict {
-                    Verdict::SplitReceiver => self.link_children(context, &view, at, &r, &s, &known),
-                    Verdict::SplitSource => {
-                        for quarter in 0..4 {
-                            self.link(context, &view, at, &r, &s.child(quarter), &known);
-                        }
-                    }
-                    Verdict::Keep | Verdict::Withhold => self.keep(at, link.source, &sight_of(&link).without_light()),
+                } else {
+                    self.changed[position] = true;
                 }
             }
             // New links of this row went in while it was out.
-            kept.reserve_exact(self.rows[at].len());
-            kept.append(&mut self.rows[at]);
-            self.rows[at] = kept;
+            kept.reserve_exact(self.rows[position].len());
+            kept.append(&mut self.rows[position]);
+            self.rows[position] = kept;
         }
         Ok(())
     }
 
-    fn test(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, link: &Link) -> Verdict {
-        if link.class == Visibility::Hidden {
-            return Verdict::Keep;
+    /// Tests a link between elements; one that does not hold is replaced by finer ones.
+    fn test_elements(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, link: &Link) -> bool {
+        let name = self.mesh.elements[at].name;
+        let patch = &self.view.geometry.patches[usize::from(name.patch_side().patch)];
+        let r = Node::at(self.view.id, patch, name);
+        let verdict = self.test(context, view, at, &r, link);
+        let is_withheld = link.form_factor == 0.0;
+        match verdict {
+            Verdict::Keep => return true,
+            Verdict::Withhold if is_withheld => return true,
+            Verdict::Withhold => self.keep(self.position(at), link.source, &sight_of(link).without_light()),
+            Verdict::SplitReceiver => {
+                let known = Known::stored(link.class);
+                self.link_children(context, view, at, &r, &node(view, link.source), &known);
+            }
+            Verdict::SplitSource => {
+                let (s, known) = (node(view, link.source), Known::stored(link.class));
+                for quarter in 0..4 {
+                    self.link(context, view, at, &r, &s.child(quarter), &known);
+                }
+            }
         }
+        false
+    }
+
+    fn test(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, link: &Link) -> Verdict {
         let source = view.source(link.source);
         let strength = self.strength(at, source.radiosity);
         let sight = sight_of(link);
@@ -368,7 +384,43 @@ impl<'a> Receiver<'a> {
     }
 }
 
-fn sight_of(link: &Link) -> Sight {
+/// Patch sides in sight up to which a cluster is linked with each of them, as exactly as the oracle asks for: beyond,
+/// surveys are cheaper.
+const FEW_SIDES: usize = 1024;
+
+/// Whether the clusters in sight have few sides.
+fn sees_few(context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
+    let mut count = 0;
+    for &id in visible {
+        let loaded = context.clusters.cluster(id)?;
+        let view = loaded.view();
+        count += (0..2 * view.geometry.patches.len()).filter(|i| view.takes_part(*i)).count();
+        if count > FEW_SIDES {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Patch sides to be linked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sources {
+    Emitting,
+    Lit,
+    Dark,
+}
+
+impl Sources {
+    fn hold(self, view: &ClusterView<'_>, root: NodeName) -> bool {
+        match self {
+            Self::Emitting => view.emits(root),
+            Self::Lit => !view.source(root).radiosity.is_black(),
+            Self::Dark => view.source(root).radiosity.is_black(),
+        }
+    }
+}
+
+pub(super) fn sight_of(link: &Link) -> Sight {
     Sight {
         form_factor: f64::from(link.form_factor),
         spread: f64::from(link.spread),
@@ -377,7 +429,7 @@ fn sight_of(link: &Link) -> Sight {
     }
 }
 
-fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
+pub(super) fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
     Node::at(view.id, &view.geometry.patches[usize::from(name.patch_side().patch)], name)
 }
 
@@ -394,7 +446,7 @@ pub const DIM: f64 = 0.15;
 const PARTIAL_VARIATION: f64 = 4.0;
 
 /// How much the kernel may vary over the source: all of it where visibility does, little from afar.
-fn variation(r: &Node, s: &Node, class: Visibility) -> f64 {
+pub(super) fn variation(r: &Node, s: &Node, class: Visibility) -> f64 {
     if class == Visibility::Partial {
         return PARTIAL_VARIATION;
     }

@@ -3,6 +3,7 @@
 
 use super::mesh::Mesh;
 use super::push_pull::{Factors, Gathered, push_pull};
+use super::sectors;
 use crate::base::{Error, Progress, Result, Rgb};
 use crate::model::geometry::SideMaterial;
 
@@ -12,15 +13,23 @@ pub struct Member {
     pub mesh: Mesh,
     /// Reflectance and exitance of its patch sides.
     pub materials: Vec<SideMaterial>,
-    /// What each element gathered from outside the group.
+    /// What each node gathered from outside the group, by position.
     pub external: Vec<Gathered>,
-    /// See [`super::push_pull::factors`].
+    /// By position: see [`super::push_pull::factors`].
     pub factors: Vec<Factors>,
-    /// Position of its first element among the group's.
+    /// Position of its first node among the group's.
     pub first: usize,
 }
 
 impl Member {
+    /// Radiosity of every node, by position, W/m2.
+    #[must_use]
+    pub fn radiosities(&self) -> Vec<Rgb> {
+        let mut all = sectors::radiosities(&self.mesh, &self.materials);
+        all.extend((0..self.mesh.elements.len()).map(|at| self.radiosity(at)));
+        all
+    }
+
     /// Radiosity of an element, W/m2.
     #[must_use]
     pub fn radiosity(&self, at: usize) -> Rgb {
@@ -85,7 +94,7 @@ pub fn relax(
     let mut radiosity: Vec<Rgb> = Vec::new();
     for member in members.iter() {
         debug_assert_eq!(member.first, radiosity.len());
-        radiosity.extend((0..member.mesh.elements.len()).map(|at| member.radiosity(at)));
+        radiosity.extend(member.radiosities());
     }
     let mut done = Relaxed::default();
     let mut last_change = f64::INFINITY;
@@ -113,8 +122,8 @@ pub fn relax(
                     change += element.area_m2 * (element.irradiance - *old).norm_squared();
                     level += element.area_m2 * element.irradiance.norm_squared();
                 }
-                radiosity[member.first + at] = member.radiosity(at);
             }
+            radiosity[member.first..member.first + member.mesh.node_count()].copy_from_slice(&member.radiosities());
         }
         done.sweeps += 1;
         let relative = if level > 0.0 { (change / level).sqrt() } else { 0.0 };

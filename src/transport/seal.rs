@@ -6,15 +6,16 @@
 
 use std::collections::HashSet;
 
+use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::refine::{Context, Receiver, Scope};
 use super::sight::is_smallest;
 use super::source::ClusterView;
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, NodeName, PatchSide, Result};
-use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::geometry::NONE;
+use crate::model::links::Visibility;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 use crate::rays::traverse::{Hit, Nearest};
@@ -32,11 +33,26 @@ impl Receiver<'_> {
         let mut sealed = HashSet::new();
         // Where lights alone are sources, other links may be there from before: after a lamp has changed.
         let by_rays = context.scope == Scope::Everything;
+        let sectors = self.mesh.sectors.len();
+        let has_links = |rows: &[Vec<Link>], at: usize, surveys_too: bool| {
+            let counts = |link: &Link| link.form_factor > 0.0 && (surveys_too || link.class != Visibility::Surveyed);
+            rows[at].iter().any(counts)
+        };
+        let mut linked_sectors: Vec<bool> = (0..sectors).map(|at| has_links(&self.rows, at, true)).collect();
+        for at in 0..sectors {
+            let parent = self.mesh.sectors[at].parent;
+            linked_sectors[at] |= parent != NONE && linked_sectors[parent as usize];
+        }
+        // Whether light arrives at anything above.
         let mut linked = vec![false; self.mesh.elements.len()];
+        for (root, &sector) in self.mesh.side_sector.iter().enumerate() {
+            linked[root] = sector != NONE && linked_sectors[sector as usize];
+        }
         let mut lit_by_emitters = vec![None; self.mesh.elements.len()];
         for at in 0..self.mesh.elements.len() {
             let element = self.mesh.elements[at];
-            linked[at] |= self.rows[at].iter().any(|link| link.form_factor > 0.0);
+            // A leaf's own survey meets what the leaf sees.
+            linked[at] |= has_links(&self.rows, sectors + at, !element.is_leaf() || !by_rays);
             if !linked[at] {
                 continue;
             }
@@ -84,7 +100,8 @@ impl Receiver<'_> {
         }
         let parent = self.mesh.elements[at].parent;
         let mut is_lit = parent != NONE && self.is_lit_by_an_emitter(context, parent as usize, known)?;
-        for link in self.rows[at].iter().filter(|link| link.form_factor > 0.0) {
+        let to_emitters = |link: &&Link| link.form_factor > 0.0 && link.class != Visibility::Surveyed;
+        for link in self.rows[self.position(at)].iter().filter(to_emitters) {
             if is_lit {
                 break;
             }
@@ -95,8 +112,8 @@ impl Receiver<'_> {
     }
 }
 
-/// What light that reaches each node is multiplied by on its way down, since none of it goes to the sealed
-/// leaves below: area over area that is not sealed.
+/// What light that reaches each node (by position) is multiplied by on its way down, since none of it goes to
+/// the sealed leaves below: area over area that is not sealed.
 #[must_use]
 pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
     let mut open_m2: Vec<f64> =
@@ -112,7 +129,18 @@ pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
             lift[at] = if open > 0.0 { area / open } else { 1.0 };
         }
     }
-    lift
+    let mut open_sectors_m2 = vec![0.0; mesh.sectors.len()];
+    for (root, &sector) in mesh.side_sector.iter().enumerate().filter(|(_, sector)| **sector != NONE) {
+        open_sectors_m2[sector as usize] += open_m2[root];
+    }
+    for at in (0..mesh.sectors.len()).rev() {
+        let parent = mesh.sectors[at].parent;
+        if parent != NONE {
+            open_sectors_m2[parent as usize] += open_sectors_m2[at];
+        }
+    }
+    let above = mesh.sectors.iter().zip(open_sectors_m2);
+    above.map(|(s, open)| if open > 0.0 { s.area_m2 / open } else { 1.0 }).chain(lift).collect()
 }
 
 fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool> {
@@ -147,15 +175,12 @@ fn is_lit(cuts: &Cuts<'_>, view: &ClusterView<'_>, hit: &Hit, point: glam::DVec3
     if !view.takes_part(at.index()) {
         return false;
     }
-    let mut node = Node::root(view.id, &view.geometry.patches[usize::from(at.patch)], at);
-    while !view.source(node.name).radiosity.is_black() {
-        if !view.light.has_children(node.name) {
-            let region = if is_smallest(&node, cuts.min_element_m()) { cuts.region(&node) } else { None };
-            return region.is_none_or(|region| region.holds(cuts.scene(), point));
-        }
-        node = node.child(quadtree::child_at(&node.shape, point));
+    let leaf = view.leaf_at(at, point);
+    if view.source(leaf.name).radiosity.is_black() {
+        return false;
     }
-    false
+    let region = if is_smallest(&leaf, cuts.min_element_m()) { cuts.region(&leaf) } else { None };
+    region.is_none_or(|region| region.holds(cuts.scene(), point))
 }
 
 #[cfg(test)]
@@ -173,7 +198,7 @@ mod tests {
         let corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
         let patch = PatchRecord { corners_m, corner_count: 4, area_m2: 4.0, ..PatchRecord::zeroed() };
         let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let mut mesh = Mesh { cluster: ClusterId(0), elements: Vec::new() };
+        let mut mesh = Mesh { cluster: ClusterId(0), sectors: Vec::new(), side_sector: Vec::new(), elements: Vec::new() };
         mesh.elements.push(crate::transport::mesh::Element {
             name: root,
             first_child: NONE,

@@ -163,6 +163,17 @@ pub fn look<'a>(
     }
 }
 
+/// Whether nothing lies between two elements: `false` where that is not proved.
+#[must_use]
+pub fn sees_whole(cuts: &Cuts<'_>, r: &Node, s: &Node) -> bool {
+    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
+    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
+        return false;
+    }
+    let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
+    matches!(cuts.scene().shaft(ends[0], ends[1], &None), Contents::Nothing)
+}
+
 /// Whether an element is too short to be split.
 #[must_use]
 pub fn is_smallest(node: &Node, min_element_m: f64) -> bool {

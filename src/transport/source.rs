@@ -2,9 +2,13 @@
 
 use std::rc::Rc;
 
-use crate::base::{ClusterId, NodeName, Result, Rgb};
+use glam::DVec3;
+
+use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
+use crate::geom::quadtree;
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
+use crate::rays::node::Node;
 
 /// Light that leaves a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,10 +35,18 @@ pub struct ClusterView<'a> {
 }
 
 impl ClusterView<'_> {
-    /// Light that leaves the element `name`, by its nearest stored ancestor (exact, since nothing
-    /// finer is known).
+    /// Light that leaves the node `name`: an element's by its nearest stored ancestor (exact, since
+    /// nothing finer is known).
     #[must_use]
     pub fn source(&self, name: NodeName) -> SourceLight {
+        if name.is_sector() {
+            let Ok(at) = self.light.sectors.binary_search_by_key(&name.0, |s| s.name) else {
+                return SourceLight::default();
+            };
+            let found = &self.light.sectors[at];
+            let radiosity = Rgb::from_f32(found.radiosity);
+            return SourceLight { radiosity, spread: f64::from(found.spread), divided: true };
+        }
         let material = &self.materials[name.patch_side().index()];
         let Some(found) = self.light.nearest(name) else { return SourceLight::default() };
         let rho = Rgb::from_f32(material.rho);
@@ -42,6 +54,16 @@ impl ClusterView<'_> {
         let exact = found.name == name.0;
         let spread = if exact { f64::from(found.spread) * rho.max() } else { 0.0 };
         SourceLight { radiosity, spread, divided: exact && self.light.has_children(name) }
+    }
+
+    /// The stored leaf of a patch side that holds a point of it.
+    #[must_use]
+    pub fn leaf_at(&self, at: PatchSide, point: DVec3) -> Node {
+        let mut node = Node::root(self.id, &self.geometry.patches[usize::from(at.patch)], at);
+        while self.light.has_children(node.name) {
+            node = node.child(quadtree::child_at(&node.shape, point));
+        }
+        node
     }
 
     /// Whether the side that an element lies on emits.

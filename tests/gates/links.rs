@@ -164,6 +164,7 @@ fn form_factors_are_those_of_the_closed_form_or_less_where_something_lies_betwee
                 Visibility::Visible => (factor - open).abs(),
                 Visibility::Hidden => factor,
                 Visibility::Partial => (factor - open).max(0.0),
+                Visibility::Surveyed => (factor - open - 4.0 * f64::from(link.uncertainty)).max(0.0),
             };
             // A sampled share is at most 1, so the noise of rays excuses no excess.
             wrong.at_most(excess, 2e-4, || {

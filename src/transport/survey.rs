@@ -1,0 +1,434 @@
+//! Surveys: all that a node sees of what does not emit, measured at the node itself.
+//!
+//! A receiver casts cosine-weighted rays from all over its sides, and what they meet are its sources: the
+//! share of the rays that meet one is its form factor, visibility included. So a row costs the same in an
+//! empty room and among a thousand books, it sums to 1 as it stands, and nothing is linked that is not
+//! seen. A source is the node whose size is that of the part which one ray stands for: far off a sector node,
+//! near by an element, to be refined by name alone. A side that fills much of the view and is seen whole has
+//! the closed form instead.
+//!
+//! A survey begins at the sector nodes at the top of a cluster. More rays are cast while noise matters, and a
+//! node is split where what arrives differs from quarter to quarter.
+
+use std::collections::HashSet;
+
+use glam::DVec3;
+
+use super::bundle::Bundle;
+use super::link_rows::Link;
+use super::oracle::Tolerances;
+use super::refine::{Context, Receiver, node as node_of};
+use super::sight::{Known, is_smallest, sees_whole};
+use super::source::ClusterView;
+use super::survey_row::{Worth, pack_quarters, worth};
+use crate::base::name::MAX_DEPTH;
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
+use crate::geom::quadtree;
+use crate::geom::sequence::{Sequence, cosine_direction, mix};
+use crate::model::geometry::NONE;
+use crate::model::links::Visibility;
+use crate::rays::node::Node;
+use crate::rays::region::Region;
+use crate::rays::traverse::Nearest;
+
+/// Rays of a node, first and at most.
+const RAYS: (u64, u64) = (64, 1024);
+
+/// Share of the error that a row may carry which noise may make up.
+const NOISE_SHARE: f64 = 0.5;
+
+/// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
+const DARK: f64 = 1e-3;
+
+/// Share of the smallest element's edge down to which what is close by is resolved.
+const NEAR_FLOOR: f64 = 0.25;
+
+/// Sides, of those that a node's first rays meet most, that are tried for being seen whole.
+const TRIED: usize = 16;
+
+/// A place that a ray met.
+struct Met {
+    cluster: ClusterId,
+    side: PatchSide,
+    point: DVec3,
+    /// Whether it is closer than half of the receiver's size.
+    is_near: bool,
+    quarter: usize,
+}
+
+/// Rays cast so far from a node.
+struct Cast {
+    met: Vec<Met>,
+    /// Rays that began in the open, by quarter.
+    open: [u64; 4],
+    /// Rays that began below another face.
+    covered: [u64; 4],
+    index: u64,
+}
+
+/// What is to be done with a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    /// Keep a row of so many rays.
+    Keep(u64),
+    Split,
+}
+
+/// Links with the radiosities of their sources, W/m2.
+type Lit = Vec<(Link, Rgb)>;
+
+impl Receiver<'_> {
+    /// Surveys what has not been.
+    pub(super) fn survey_all(&mut self, context: &Context<'_>) -> Result<()> {
+        let mut done = vec![false; self.mesh.sectors.len()];
+        for position in 0..self.mesh.node_count() {
+            if self.rows[position].iter().any(|link| link.class == Visibility::Surveyed) {
+                let mut at = match position.checked_sub(self.mesh.sectors.len()) {
+                    Some(element) => self.mesh.side_sector[self.mesh.elements[element].name.patch_side().index()],
+                    None => position as u32,
+                };
+                while at != NONE && !std::mem::replace(&mut done[at as usize], true) {
+                    at = self.mesh.sectors[at as usize].parent;
+                }
+            }
+        }
+        for (at, done) in done.into_iter().enumerate() {
+            let sector = self.mesh.sectors[at];
+            if !done && sector.parent == NONE {
+                let r = Bundle::of(context.sides, &self.view, sector.name);
+                self.survey(context, &r, &[])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Surveys a node, or those below it; `whole` are patch sides that it is known to see whole.
+    fn survey(&mut self, context: &Context<'_>, r: &Bundle, whole: &[NodeName]) -> Result<()> {
+        if context.progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+        let region = r.as_element().filter(|n| is_smallest(n, context.cuts.min_element_m()));
+        let region = region.and_then(|n| context.cuts.region(n));
+        let mut whole = whole.to_vec();
+        let pilot = self.cast(context, r, region.as_ref(), RAYS.0, PILOT);
+        if let (Some(node), None) = (r.as_element(), &region) {
+            self.link_whole(context, node, &pilot, &mut whole)?;
+        }
+        let mut looked = Lit::new();
+        let near = add_counted(context, &pilot, &whole, &mut looked)?;
+        let mut worth = worth(&looked);
+        let unresolved = unresolved(&looked, &near, &worth);
+        worth.gradient = worth.gradient.max(worth.irradiance * pilot.uneven_cover());
+        if unresolved > context.tolerances.row_w_m2 && self.can_resolve(context, r) {
+            return self.survey_below(context, r, &whole);
+        }
+        let straddles = r.as_element().is_none() && is_partly_dark(&looked, &pilot, &context.tolerances);
+        match self.verdict(context, r, &worth) {
+            Verdict::Keep(_) if straddles => self.survey_below(context, r, &whole),
+            Verdict::Split => self.survey_below(context, r, &whole),
+            Verdict::Keep(rays) => {
+                let cast = self.cast(context, r, region.as_ref(), rays, FINAL);
+                let mut row = Lit::new();
+                add_counted(context, &cast, &whole, &mut row)?;
+                self.counts.evaluated += row.len() as u64;
+                self.keep_row(context, r, rays, row, &looked);
+                Ok(())
+            }
+        }
+    }
+
+    /// Links an element pair by pair to sides that it sees whole, and adds them to `whole`.
+    fn link_whole(&mut self, context: &Context<'_>, r: &Node, cast: &Cast, whole: &mut Vec<NodeName>) -> Result<()> {
+        for root in sides_met(cast).into_iter().take(TRIED) {
+            let loaded = context.clusters.cluster(root.cluster())?;
+            let view = loaded.view();
+            if !view.takes_part(root.patch_side().index()) || view.emits(root) || whole.contains(&root) {
+                continue;
+            }
+            let s = node_of(&view, root);
+            if sees_whole(context.cuts, r, &s) {
+                self.link(context, &view, self.mesh.nearest(r.name), r, &s, &Known::stored(Visibility::Visible));
+                whole.push(root);
+            }
+        }
+        whole.sort_unstable();
+        Ok(())
+    }
+
+    /// Keeps a row of `rays` rays, and with it, carrying nothing, what the rays met that decided.
+    fn keep_row(&mut self, context: &Context<'_>, r: &Bundle, rays: u64, row: Lit, pilot: &[(Link, Rgb)]) {
+        let position = self.mesh.position(r.name);
+        self.changed[position] = true;
+        let is_empty = row.is_empty();
+        self.rows[position].push(mark(r.name, rays));
+        self.rows[position].extend(row.into_iter().map(|(link, _)| link));
+        self.rows[position].extend(pilot.iter().map(|(link, _)| as_pilot(link)));
+        if is_empty {
+            return;
+        }
+        for side in r.sides() {
+            self.split_along_cuts(context, self.mesh.nearest(side.node.name), &side.node);
+        }
+    }
+
+    fn survey_below(&mut self, context: &Context<'_>, r: &Bundle, whole: &[NodeName]) -> Result<()> {
+        if r.as_element().is_some() {
+            self.split(self.mesh.nearest(r.name));
+        }
+        let own = self.view;
+        for name in r.children(&own) {
+            self.survey(context, &Bundle::of(context.sides, &own, name), whole)?;
+        }
+        Ok(())
+    }
+
+    /// Whether a stored row still holds; one that does not is made anew.
+    ///
+    /// The rays that decided tell, not those that count: rows that happen to have met little of what has become
+    /// bright would stay as they are, and all would be too dark.
+    pub(super) fn survey_holds(&mut self, context: &Context<'_>, position: usize, row: &[Link]) -> Result<bool> {
+        let (mut pilot, mut rays) = (Lit::new(), 0);
+        for link in row.iter().filter(|link| link.class == Visibility::Surveyed && link.form_factor == 0.0) {
+            if link.uncertainty >= RAYS.0 as f32 {
+                rays = link.uncertainty as u64;
+                continue;
+            }
+            let source = context.clusters.cluster(link.source.cluster())?.view().source(link.source);
+            pilot.push((of_pilot(link), source.radiosity));
+        }
+        let own = self.view;
+        let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
+        if matches!(self.verdict(context, &r, &worth(&pilot)), Verdict::Keep(wanted) if wanted <= rays) {
+            return Ok(true);
+        }
+        let whole = self.linked_whole(position, row);
+        self.survey(context, &r, &whole)?;
+        Ok(false)
+    }
+
+    /// Sides that a node with a surveyed row, or those below it, are linked to pair by pair; `row` is its own.
+    fn linked_whole(&self, position: usize, row: &[Link]) -> Vec<NodeName> {
+        let Some(element) = position.checked_sub(self.mesh.sectors.len()) else { return Vec::new() };
+        let mut whole = HashSet::new();
+        let mut add = |row: &[Link]| {
+            let pairs = row.iter().filter(|link| link.class != Visibility::Surveyed);
+            whole.extend(pairs.map(|link| NodeName::root(link.source.cluster(), link.source.patch_side())));
+        };
+        add(row);
+        let mut above = self.mesh.elements[element].parent;
+        while above != NONE {
+            add(&self.rows[self.position(above as usize)]);
+            above = self.mesh.elements[above as usize].parent;
+        }
+        let mut below = vec![element];
+        while let Some(at) = below.pop() {
+            add(&self.rows[self.position(at)]);
+            if !self.mesh.elements[at].is_leaf() {
+                let first = self.mesh.elements[at].first_child as usize;
+                below.extend(first..first + 4);
+            }
+        }
+        let mut whole: Vec<NodeName> = whole.into_iter().collect();
+        whole.sort_unstable();
+        whole
+    }
+
+    /// Whether a node may be split for what is close by.
+    fn can_resolve(&self, context: &Context<'_>, r: &Bundle) -> bool {
+        let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
+        r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, floor_m))
+    }
+
+    fn verdict(
+        &self,
+        context: &Context<'_>,
+        r: &Bundle,
+        worth: &Worth,
+    ) -> Verdict {
+        let tolerances = &context.tolerances;
+        let floor_m2 = tolerances.min_element_m * tolerances.min_element_m;
+        let matters = |error: f64| {
+            let excess = error / tolerances.row_w_m2;
+            excess > 1.0 && excess * r.area_m2 > floor_m2
+        };
+        let can_split = r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, tolerances.min_element_m));
+        if can_split && matters(worth.gradient) {
+            return Verdict::Split;
+        }
+        if !matters(worth.noise / NOISE_SHARE) {
+            return Verdict::Keep(RAYS.0);
+        }
+        let excess = worth.noise / (NOISE_SHARE * tolerances.row_w_m2);
+        Verdict::Keep(((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two().min(RAYS.1))
+    }
+
+    /// Casts `target` rays from a node.
+    fn cast(&mut self, context: &Context<'_>, r: &Bundle, region: Option<&Region>, target: u64, salt: u64) -> Cast {
+        let mut cast = Cast { met: Vec::new(), open: [0; 4], covered: [0; 4], index: 0 };
+        let scene = context.cuts.scene();
+        let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt);
+        let size_m = r.as_element().map_or(r.radius_m, |n| n.shape.longest_edge());
+        let quarters = r.as_element().map(|n| std::array::from_fn::<_, 4, _>(|q| quadtree::child(&n.shape, q as u32)));
+        while cast.rays() < target && cast.index < 4 * target {
+            let [a, b, c, d] = sequence.point(cast.index);
+            let quarter = (cast.index % 4) as usize;
+            cast.index += 1;
+            let (side, from) = match &quarters {
+                Some(shapes) => (&r.sides()[0], shapes[quarter].point(a, b)),
+                None => {
+                    let (side, along) = r.draw((quarter as f64 + a) / 4.0);
+                    (side, side.node.shape.point(along, b))
+                }
+            };
+            if region.is_some_and(|region| !region.holds(scene, from)) {
+                continue;
+            }
+            let direction = cosine_direction(side.node.normal, c, d);
+            self.counts.rays += 1;
+            let hit = match scene.nearest(from, direction, Some(&side.node.end)) {
+                Nearest::Met(hit) => hit,
+                Nearest::Escaped => {
+                    cast.open[quarter] += 1;
+                    continue;
+                }
+                Nearest::Covered => {
+                    cast.covered[quarter] += 1;
+                    continue;
+                }
+            };
+            cast.open[quarter] += 1;
+            cast.met.push(Met {
+                cluster: ClusterId(hit.key.cluster),
+                side: PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) },
+                point: from + direction * hit.t,
+                is_near: hit.t < 0.5 * size_m,
+                quarter,
+            });
+        }
+        cast
+    }
+}
+
+/// Rays that decide what is done tell nothing of the light: kept where few bright places were met and cast anew
+/// where many were, they would make all rows too dark.
+const PILOT: u64 = 0x7069_6c6f_7400_0000;
+const FINAL: u64 = 0x7375_7276_6579_0000;
+
+impl Cast {
+    fn rays(&self) -> u64 {
+        self.open.iter().sum()
+    }
+
+    /// How much more one quarter is covered than all are.
+    fn uneven_cover(&self) -> f64 {
+        let share = |covered: u64, open: u64| covered as f64 / (covered + open).max(1) as f64;
+        let all = share(self.covered.iter().sum(), self.rays());
+        self.covered.iter().zip(self.open).map(|(c, o)| (share(*c, o) - all).abs()).fold(0.0, f64::max)
+    }
+}
+
+/// A link that carries nothing: tells that a node has been surveyed, and by how many rays.
+fn mark(name: NodeName, rays: u64) -> Link {
+    let (spread, class) = (pack_quarters([1.0; 4]), Visibility::Surveyed);
+    Link { source: name, form_factor: 0.0, spread, uncertainty: rays as f32, class }
+}
+
+/// A link of the rays that decide, as it is stored: it carries nothing.
+fn as_pilot(link: &Link) -> Link {
+    Link { form_factor: 0.0, uncertainty: link.form_factor, ..*link }
+}
+
+/// What [`as_pilot`] stored.
+fn of_pilot(link: &Link) -> Link {
+    let share = f64::from(link.uncertainty);
+    Link { form_factor: link.uncertainty, uncertainty: counted_error(share, RAYS.0 as f64) as f32, ..*link }
+}
+
+/// Standard error of a share of `rays` rays: one of all may as well have been none or two.
+fn counted_error(share: f64, rays: f64) -> f64 {
+    (share * (1.0 - share).max(1.0 / rays) / rays).sqrt()
+}
+
+/// Sides that rays met, those met most first.
+fn sides_met(cast: &Cast) -> Vec<NodeName> {
+    let mut met: Vec<NodeName> = cast.met.iter().map(|m| NodeName::root(m.cluster, m.side)).collect();
+    met.sort_unstable();
+    let mut runs: Vec<(usize, NodeName)> = met.chunk_by(|a, b| a == b).map(|run| (run.len(), run[0])).collect();
+    runs.sort_unstable_by_key(|(count, root)| (std::cmp::Reverse(*count), *root));
+    runs.into_iter().map(|(_, root)| root).collect()
+}
+
+/// Whether most rays of a node meet darkness and the others do not: some of its sides may be sealed, and what
+/// arrives at the others would be lost in the mean.
+fn is_partly_dark(row: &Lit, cast: &Cast, tolerances: &Tolerances) -> bool {
+    let lit: f64 = row.iter().filter(|(_, b)| !b.is_black()).map(|(link, _)| f64::from(link.form_factor)).sum();
+    let escaped = 1.0 - cast.met.len() as f64 / cast.rays().max(1) as f64;
+    lit > 0.0 && lit < 0.5 * (1.0 - escaped) && worth(row).irradiance > DARK * tolerances.row_w_m2
+}
+
+/// What a receiver's mean hides: parts of it that something close by shades from what the others see, W/m2. They
+/// may be spread evenly over its quarters.
+fn unresolved(row: &[(Link, Rgb)], near: &[f64], worth: &Worth) -> f64 {
+    let all: f64 = near.iter().sum();
+    let differs = |(near, (_, radiosity)): (&f64, &(Link, Rgb))| near * (*radiosity - worth.mean).norm_squared().sqrt();
+    near.iter().zip(row).map(differs).sum::<f64>() * (1.0 - all).max(0.0)
+}
+
+/// Adds links to what rays met, but for emitters and sides in `whole`. Returns how much of each is near.
+fn add_counted(
+    context: &Context<'_>,
+    cast: &Cast,
+    whole: &[NodeName],
+    row: &mut Lit,
+) -> Result<Vec<f64>> {
+    let rays = cast.rays() as f64;
+    let mut near = Vec::new();
+    let mut met: Vec<(NodeName, usize, bool, f64)> = Vec::with_capacity(cast.met.len());
+    for m in &cast.met {
+        let loaded = context.clusters.cluster(m.cluster)?;
+        let view = loaded.view();
+        let root = NodeName::root(m.cluster, m.side);
+        if !view.takes_part(m.side.index()) || view.emits(root) || whole.binary_search(&root).is_ok() {
+            continue;
+        }
+        let cell = cell(&view, m, context.tolerances.min_element_m);
+        let weight = context.cuts.weight(&cell, m.point);
+        met.push((cell.name, m.quarter, m.is_near, weight));
+    }
+    met.sort_unstable_by_key(|m| (m.0, m.1));
+    for run in met.chunk_by(|a, b| a.0 == b.0) {
+        let weight_of = |kept: &dyn Fn(&&(NodeName, usize, bool, f64)) -> bool| run.iter().filter(kept).map(|m| m.3).sum::<f64>();
+        let source = run[0].0;
+        let weight = weight_of(&|_| true);
+        if weight == 0.0 {
+            continue;
+        }
+        let share = weight / rays;
+        let relative = std::array::from_fn(|q| {
+            weight_of(&|m| m.1 == q) / cast.open[q].max(1) as f64 / share.max(f64::MIN_POSITIVE)
+        });
+        let error = counted_error(run.len() as f64 / rays, rays) * weight / run.len() as f64;
+        let link = Link {
+            source,
+            form_factor: share.min(1.0) as f32,
+            spread: pack_quarters(relative),
+            uncertainty: error as f32,
+            class: Visibility::Surveyed,
+        };
+        near.push(run.iter().filter(|m| m.2).count() as f64 / rays);
+        row.push((link, context.clusters.cluster(source.cluster())?.view().source(source).radiosity));
+    }
+    Ok(near)
+}
+
+/// The smallest element round a place that was met: what is divided later is seen where it was met.
+fn cell(view: &ClusterView<'_>, met: &Met, min_element_m: f64) -> Node {
+    let patch = &view.geometry.patches[usize::from(met.side.patch)];
+    let mut element = Node::root(view.id, patch, met.side);
+    while element.name.depth() < MAX_DEPTH
+        && (!is_smallest(&element, min_element_m) || view.light.has_children(element.name))
+    {
+        element = element.child(quadtree::child_at(&element.shape, met.point));
+    }
+    element
+}
