@@ -33,9 +33,6 @@ pub struct Cuts<'a> {
 
 const KNOWN: usize = 1 << 15;
 
-/// Places along each edge of an element that tell how much of it a part takes up.
-const STEPS: u32 = 4;
-
 impl<'a> Cuts<'a> {
     /// Nothing known yet. No element edge is below `min_element_m`.
     #[must_use]
@@ -68,19 +65,10 @@ impl<'a> Cuts<'a> {
         is_cut
     }
 
-    /// What a place of a smallest element counts for that a ray met: nothing outside of the part that stands for
-    /// it, in it so much that all elements together count for as much as they take up.
+    /// Whether a place lies in the part round a node's anchor, as far as a straight line tells.
     #[must_use]
-    pub fn weight(&self, node: &Node, place: DVec3) -> f64 {
-        let Some(region) = self.region(node) else { return 1.0 };
-        if !region.holds(&self.scene, place) {
-            return 0.0;
-        }
-        let side = 0..STEPS;
-        let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS);
-        let inside = side.clone().flat_map(|a| side.clone().map(move |b| (a, b)));
-        let held = inside.filter(|&(a, b)| region.holds(&self.scene, node.shape.point(step(a), step(b)))).count();
-        f64::from(STEPS * STEPS) / held.max(1) as f64
+    pub fn shares_part(&self, node: &Node, place: DVec3) -> bool {
+        Region::round_anchor(&self.scene, node, self.min_element_m).holds(&self.scene, place)
     }
 
     /// The part that stands for a node; `None` if nothing cuts it.

@@ -13,6 +13,7 @@ use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::node::Node;
+use crate::rays::region::Cuts;
 use crate::transport::gather_point::{self, Gathered};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::source::{Clusters, Loaded};
@@ -34,7 +35,7 @@ const HELD_BYTES: usize = 32 << 20;
 /// Gathers at points of surfaces.
 pub struct PointLight<'a, 's> {
     set: &'a WorkingSet<'s>,
-    scene: RayScene<'a>,
+    cuts: Cuts<'a>,
     /// Error of a source's light that does not matter, W/m2.
     allowed_w_m2: f64,
     min_element_m: f64,
@@ -49,7 +50,8 @@ impl<'a, 's> PointLight<'a, 's> {
     /// does not matter.
     #[must_use]
     pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64, min_element_m: f64) -> Self {
-        Self { set, scene, allowed_w_m2, min_element_m, held: LruCache::unbounded(), held_bytes: 0, rays: 0 }
+        let cuts = Cuts::new(scene, min_element_m);
+        Self { set, cuts, allowed_w_m2, min_element_m, held: LruCache::unbounded(), held_bytes: 0, rays: 0 }
     }
 
     /// The leaf element that holds a point of a patch side.
@@ -81,7 +83,8 @@ impl<'a, 's> PointLight<'a, 's> {
             closure,
         };
         let mut gathered = Gathered::default();
-        let (mut linked, mut is_surveyed) = (Vec::new(), false);
+        let survey = gather_point::survey(&self.cuts, self.set, &place, &mut self.rays)?;
+        let (mut linked, mut is_surveyed) = (Vec::new(), survey.is_gap);
         let mut above = Some(leaf.name);
         while let Some(name) = above {
             if let Ok(i) = rows.rows.binary_search_by_key(&name, |r| r.0) {
@@ -90,10 +93,14 @@ impl<'a, 's> PointLight<'a, 's> {
                         is_surveyed = true;
                         continue;
                     }
-                    linked.push(NodeName::root(link.source.cluster(), link.source.patch_side()));
                     let source = self.set.cluster(link.source.cluster())?;
+                    // In a gap what does not emit is followed.
+                    if survey.is_gap && !source.view().emits(link.source) {
+                        continue;
+                    }
+                    linked.push(NodeName::root(link.source.cluster(), link.source.patch_side()));
                     gather_point::add_link(
-                        &self.scene,
+                        self.cuts.scene(),
                         &place,
                         &source.view(),
                         link,
@@ -110,7 +117,8 @@ impl<'a, 's> PointLight<'a, 's> {
         if is_surveyed {
             linked.sort_unstable();
             linked.dedup();
-            gather_point::add_survey(&self.scene, self.set, &place, &linked, &mut gathered, &mut self.rays)?;
+            let rays = &mut self.rays;
+            gather_point::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
         }
         Ok(gather_point::finish(&place, &gathered))
     }

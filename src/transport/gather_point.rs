@@ -5,6 +5,7 @@ use glam::DVec3;
 
 use super::form_factor;
 use super::link_rows::Link;
+use super::met::element_at;
 use super::refine::DIM;
 use super::sight::{self, UNANIMOUS};
 use super::source::{ClusterView, Clusters};
@@ -15,7 +16,7 @@ use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
-use crate::rays::region::Region;
+use crate::rays::region::{Cuts, Region};
 use crate::rays::traverse::Nearest;
 
 /// The place: a point on a patch side.
@@ -229,36 +230,90 @@ impl View<'_> {
     }
 }
 
+/// What a point's own rays meet.
+pub struct Survey {
+    met: Vec<(Node, DVec3)>,
+    /// Whether the point lies in a gap that elements are too large for: almost all that it sees is closer than they
+    /// are wide.
+    pub is_gap: bool,
+    sequence: Sequence,
+}
+
 /// Rays of a point's own survey.
 const SURVEY_RAYS: u64 = 1024;
 
-/// Adds what arrives from all sides that are not in `linked` (ascending): the point looks for itself. Counts rays.
-pub fn add_survey(
-    scene: &RayScene<'_>,
+/// Smallest elements up to which what is seen is too close for them to tell how its light changes.
+const NEAR_ELEMENTS: f64 = 2.0;
+
+/// Share of what is seen that is close in a gap.
+const GAP_SHARE: f64 = 0.85;
+
+/// Reflections of a path within a gap: what is left after that is black.
+const MOST_REFLECTIONS: u64 = 16;
+
+/// Casts a point's own rays. Counts them.
+pub fn survey(
+    cuts: &Cuts<'_>,
     clusters: &dyn Clusters,
     place: &Place<'_>,
-    linked: &[NodeName],
-    gathered: &mut Gathered,
     rays: &mut u64,
-) -> Result<()> {
+) -> Result<Survey> {
     let p = place.point;
     let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
     let sequence = Sequence::new(mix(bits));
-    let (mut met, mut light) = (0u64, Rgb::BLACK);
+    let (mut met, mut near) = (Vec::new(), 0);
     for index in 0..SURVEY_RAYS {
         let [_, _, c, d] = sequence.point(index);
         let direction = cosine_direction(place.leaf.normal, c, d);
         *rays += 1;
-        let Nearest::Met(hit) = scene.nearest(p, direction, Some(&place.leaf.end)) else { continue };
-        let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
-        let view = loaded.view();
-        let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
-        let root = NodeName::root(view.id, at);
-        if !view.takes_part(at.index()) || view.emits(root) || linked.binary_search(&root).is_ok() {
+        if let Some((leaf, to, distance_m)) = meet(cuts, clusters, p, direction, place.leaf)? {
+            near += u64::from(distance_m < NEAR_ELEMENTS * place.min_element_m);
+            met.push((leaf, to));
+        }
+    }
+    Ok(Survey { met, is_gap: near as f64 > GAP_SHARE * SURVEY_RAYS as f64, sequence })
+}
+
+/// The element that a ray from another meets, the place, and how far it is; `None` where nothing takes part.
+fn meet(
+    cuts: &Cuts<'_>,
+    clusters: &dyn Clusters,
+    from: DVec3,
+    direction: DVec3,
+    element: &Node,
+) -> Result<Option<(Node, DVec3, f64)>> {
+    let Nearest::Met(hit) = cuts.scene().nearest(from, direction, Some(&element.end)) else { return Ok(None) };
+    let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
+    let view = loaded.view();
+    let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+    let to = from + direction * hit.t;
+    let takes_part = view.takes_part(at.index());
+    Ok(takes_part.then(|| element_at(cuts, &view, at, to)).flatten().map(|element| (element, to, hit.t)))
+}
+
+/// Adds what arrives from all sides that are not in `linked` (ascending); in a gap by paths that are followed until
+/// they leave it. Counts rays.
+pub fn add_survey(
+    cuts: &Cuts<'_>,
+    clusters: &dyn Clusters,
+    place: &Place<'_>,
+    survey: &Survey,
+    linked: &[NodeName],
+    gathered: &mut Gathered,
+    rays: &mut u64,
+) -> Result<()> {
+    let (mut met, mut light) = (0u64, Rgb::BLACK);
+    for (leaf, to) in &survey.met {
+        let root = NodeName::root(leaf.name.cluster(), leaf.name.patch_side());
+        if linked.binary_search(&root).is_ok() {
             continue;
         }
         met += 1;
-        light += view.source(view.leaf_at(at, p + direction * hit.t).name).radiosity;
+        light += if survey.is_gap {
+            follow(cuts, clusters, place, survey.sequence, met, (*leaf, *to), rays)?
+        } else {
+            clusters.cluster(root.cluster())?.view().source(leaf.name).radiosity
+        };
     }
     if met > 0 {
         let share = met as f64 / SURVEY_RAYS as f64;
@@ -266,6 +321,34 @@ pub fn add_survey(
         gathered.add(light * (1.0 / met as f64), Seen { form_factor: share, error });
     }
     Ok(())
+}
+
+/// Light that leaves a place towards where it was met from, W/m2: that of its leaf, unless that is too close.
+fn follow(
+    cuts: &Cuts<'_>,
+    clusters: &dyn Clusters,
+    place: &Place<'_>,
+    sequence: Sequence,
+    index: u64,
+    (mut leaf, mut at): (Node, DVec3),
+    rays: &mut u64,
+) -> Result<Rgb> {
+    let mut distance_m = at.distance(place.point);
+    let mut through = Rgb::grey(1.0);
+    for reflection in 0..MOST_REFLECTIONS {
+        let loaded = clusters.cluster(leaf.name.cluster())?;
+        let view = loaded.view();
+        if distance_m >= NEAR_ELEMENTS * place.min_element_m || view.emits(leaf.name) {
+            return Ok(through.times(view.source(leaf.name).radiosity));
+        }
+        through = through.times(Rgb::from_f32(view.materials[leaf.name.patch_side().index()].rho));
+        let [_, _, c, d] = sequence.point((reflection + 1) * SURVEY_RAYS + index);
+        *rays += 1;
+        let direction = cosine_direction(leaf.normal, c, d);
+        let Some(next) = meet(cuts, clusters, at, direction, &leaf)? else { return Ok(Rgb::BLACK) };
+        (leaf, at, distance_m) = next;
+    }
+    Ok(Rgb::BLACK)
 }
 
 /// Irradiance at the place, its row closed as its leaf's was.

@@ -10,6 +10,7 @@ pub mod link_rows;
 #[cfg(test)]
 mod memory_scene;
 pub mod mesh;
+pub mod met;
 pub mod oracle;
 pub mod push_pull;
 pub mod records;

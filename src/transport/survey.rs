@@ -16,10 +16,10 @@ use glam::DVec3;
 
 use super::bundle::Bundle;
 use super::link_rows::Link;
+use super::met::element_at;
 use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
 use super::sight::{Known, is_smallest, sees_whole};
-use super::source::ClusterView;
 use super::survey_row::{Worth, pack_quarters, worth};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
@@ -119,7 +119,7 @@ impl Receiver<'_> {
         let mut worth = worth(&looked);
         let unresolved = unresolved(&looked, &near, &worth);
         worth.gradient = worth.gradient.max(worth.irradiance * pilot.uneven_cover());
-        if unresolved > context.tolerances.row_w_m2 && self.can_resolve(context, r) {
+        if self.can_resolve(context, r, unresolved) {
             return self.survey_below(context, r, &whole);
         }
         let straddles = r.as_element().is_none() && is_partly_dark(&looked, &pilot, &context.tolerances);
@@ -233,10 +233,12 @@ impl Receiver<'_> {
         whole
     }
 
-    /// Whether a node may be split for what is close by.
-    fn can_resolve(&self, context: &Context<'_>, r: &Bundle) -> bool {
+    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2).
+    fn can_resolve(&self, context: &Context<'_>, r: &Bundle, unresolved: f64) -> bool {
         let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
-        r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, floor_m))
+        let excess = unresolved / context.tolerances.row_w_m2;
+        let matters = excess > 1.0 && excess * r.area_m2 > floor_m * floor_m;
+        matters && r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, floor_m))
     }
 
     fn verdict(
@@ -383,7 +385,8 @@ fn add_counted(
 ) -> Result<Vec<f64>> {
     let rays = cast.rays() as f64;
     let mut near = Vec::new();
-    let mut met: Vec<(NodeName, usize, bool, f64)> = Vec::with_capacity(cast.met.len());
+    let mut met: Vec<(NodeName, usize, bool)> = Vec::with_capacity(cast.met.len());
+    let mut counted = 0;
     for m in &cast.met {
         let loaded = context.clusters.cluster(m.cluster)?;
         let view = loaded.view();
@@ -391,44 +394,29 @@ fn add_counted(
         if !view.takes_part(m.side.index()) || view.emits(root) || whole.binary_search(&root).is_ok() {
             continue;
         }
-        let cell = cell(&view, m, context.tolerances.min_element_m);
-        let weight = context.cuts.weight(&cell, m.point);
-        met.push((cell.name, m.quarter, m.is_near, weight));
-    }
-    met.sort_unstable_by_key(|m| (m.0, m.1));
-    for run in met.chunk_by(|a, b| a.0 == b.0) {
-        let weight_of = |kept: &dyn Fn(&&(NodeName, usize, bool, f64)) -> bool| run.iter().filter(kept).map(|m| m.3).sum::<f64>();
-        let source = run[0].0;
-        let weight = weight_of(&|_| true);
-        if weight == 0.0 {
-            continue;
+        counted += 1;
+        if let Some(element) = element_at(context.cuts, &view, m.side, m.point) {
+            met.push((element.name, m.quarter, m.is_near));
         }
-        let share = weight / rays;
+    }
+    met.sort_unstable();
+    // What no element stands for is taken to be as bright as the rest.
+    let one = f64::from(counted) / met.len().max(1) as f64 / rays;
+    for run in met.chunk_by(|a, b| a.0 == b.0) {
+        let (source, share) = (run[0].0, one * run.len() as f64);
         let relative = std::array::from_fn(|q| {
-            weight_of(&|m| m.1 == q) / cast.open[q].max(1) as f64 / share.max(f64::MIN_POSITIVE)
+            let here = run.iter().filter(|m| m.1 == q).count() as f64;
+            one * rays * here / cast.open[q].max(1) as f64 / share
         });
-        let error = counted_error(run.len() as f64 / rays, rays) * weight / run.len() as f64;
         let link = Link {
             source,
-            form_factor: share.min(1.0) as f32,
+            form_factor: share as f32,
             spread: pack_quarters(relative),
-            uncertainty: error as f32,
+            uncertainty: counted_error(share, rays) as f32,
             class: Visibility::Surveyed,
         };
         near.push(run.iter().filter(|m| m.2).count() as f64 / rays);
         row.push((link, context.clusters.cluster(source.cluster())?.view().source(source).radiosity));
     }
     Ok(near)
-}
-
-/// The smallest element round a place that was met: what is divided later is seen where it was met.
-fn cell(view: &ClusterView<'_>, met: &Met, min_element_m: f64) -> Node {
-    let patch = &view.geometry.patches[usize::from(met.side.patch)];
-    let mut element = Node::root(view.id, patch, met.side);
-    while element.name.depth() < MAX_DEPTH
-        && (!is_smallest(&element, min_element_m) || view.light.has_children(element.name))
-    {
-        element = element.child(quadtree::child_at(&element.shape, met.point));
-    }
-    element
 }
