@@ -14,6 +14,7 @@ use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
+use crate::transport::bundle::{Bundle, SideCache};
 use crate::transport::gather_point::{self, Gathered};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::source::{Clusters, Loaded};
@@ -36,6 +37,7 @@ const HELD_BYTES: usize = 32 << 20;
 pub struct PointLight<'a, 's> {
     set: &'a WorkingSet<'s>,
     cuts: Cuts<'a>,
+    sides: SideCache,
     /// Error of a source's light that does not matter, W/m2.
     allowed_w_m2: f64,
     min_element_m: f64,
@@ -51,7 +53,16 @@ impl<'a, 's> PointLight<'a, 's> {
     #[must_use]
     pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64, min_element_m: f64) -> Self {
         let cuts = Cuts::new(scene, min_element_m);
-        Self { set, cuts, allowed_w_m2, min_element_m, held: LruCache::unbounded(), held_bytes: 0, rays: 0 }
+        Self {
+            set,
+            cuts,
+            sides: SideCache::default(),
+            allowed_w_m2,
+            min_element_m,
+            held: LruCache::unbounded(),
+            held_bytes: 0,
+            rays: 0,
+        }
     }
 
     /// The leaf element that holds a point of a patch side.
@@ -98,16 +109,24 @@ impl<'a, 's> PointLight<'a, 's> {
                     if survey.is_gap && !source.view().emits(link.source) {
                         continue;
                     }
-                    linked.push(NodeName::root(link.source.cluster(), link.source.patch_side()));
-                    gather_point::add_link(
-                        self.cuts.scene(),
-                        &place,
-                        &source.view(),
-                        link,
-                        self.allowed_w_m2,
-                        &mut gathered,
-                        &mut self.rays,
-                    );
+                    let sides = if link.source.is_sector() {
+                        let lamp = Bundle::of(&self.sides, &source.view(), link.source);
+                        lamp.sides().iter().map(|side| side.node.name).collect()
+                    } else {
+                        vec![link.source]
+                    };
+                    for side in sides {
+                        linked.push(NodeName::root(side.cluster(), side.patch_side()));
+                        gather_point::add_link(
+                            self.cuts.scene(),
+                            &place,
+                            &source.view(),
+                            &Link { source: side, ..*link },
+                            self.allowed_w_m2,
+                            &mut gathered,
+                            &mut self.rays,
+                        );
+                    }
                 }
             }
             above = name.parent();

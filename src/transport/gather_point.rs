@@ -252,12 +252,7 @@ const GAP_SHARE: f64 = 0.85;
 const MOST_REFLECTIONS: u64 = 16;
 
 /// Casts a point's own rays. Counts them.
-pub fn survey(
-    cuts: &Cuts<'_>,
-    clusters: &dyn Clusters,
-    place: &Place<'_>,
-    rays: &mut u64,
-) -> Result<Survey> {
+pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays: &mut u64) -> Result<Survey> {
     let p = place.point;
     let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
     let sequence = Sequence::new(mix(bits));

@@ -6,6 +6,7 @@ pub mod closure;
 pub mod contour;
 pub mod form_factor;
 pub mod gather_point;
+pub mod lamps;
 pub mod link_rows;
 #[cfg(test)]
 mod memory_scene;

@@ -3,7 +3,8 @@
 
 use std::collections::HashSet;
 
-use super::bundle::SideCache;
+use super::bundle::{Bundle, SideCache};
+use super::lamps;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::{self, Case, Tolerances, Verdict};
@@ -69,6 +70,9 @@ pub struct Receiver<'a> {
     pub(super) cut: Vec<Option<bool>>,
     /// Elements that have been split along what cuts them.
     pub(super) followed: Vec<bool>,
+    /// Whether so much is in sight that what does not emit is surveyed: a leaf's own rays tell then whether it is
+    /// sealed, and links need not follow cuts.
+    pub(super) surveys: bool,
 }
 
 impl<'a> Receiver<'a> {
@@ -77,12 +81,13 @@ impl<'a> Receiver<'a> {
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
         let (cut, followed) = (vec![None; mesh.elements.len()], vec![false; mesh.elements.len()]);
-        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed }
+        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed, surveys: false }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
     /// that this one may exchange light with.
     pub fn refine(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<()> {
+        self.surveys = !sees_few(context, visible)?;
         self.test_stored(context)?;
         let sides: Vec<Node> = (0..2 * self.view.geometry.patches.len())
             .filter(|&i| self.view.takes_part(i))
@@ -91,10 +96,10 @@ impl<'a> Receiver<'a> {
                 Node::root(self.view.id, &self.view.geometry.patches[usize::from(at.patch)], at)
             })
             .collect();
-        let mut linked = self.linked_sides();
         let all: Vec<usize> = (0..sides.len()).collect();
-        if !sees_few(context, visible)? {
-            self.link_sources(context, visible, &sides, &all, &mut linked, Sources::Emitting)?;
+        let mut linked = if self.surveys { HashSet::new() } else { self.linked_sides() };
+        if self.surveys {
+            self.link_lamps(context, visible, &sides)?;
             if context.scope == Scope::Everything {
                 self.survey_all(context)?;
             }
@@ -109,6 +114,27 @@ impl<'a> Receiver<'a> {
         for row in &mut self.rows {
             row.sort_by_key(|l| l.source);
             row.shrink_to_fit();
+        }
+        Ok(())
+    }
+
+    /// Links every side to the lamps that it is not linked to yet.
+    fn link_lamps(&mut self, context: &Context<'_>, visible: &[ClusterId], sides: &[Node]) -> Result<()> {
+        let mut linked = self.linked_lamps(context)?;
+        for &id in visible {
+            if context.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let loaded = context.clusters.cluster(id)?;
+            let view = loaded.view();
+            if view.materials.iter().all(|m| m.exitance == [0.0; 3]) {
+                continue;
+            }
+            for lamp in lamps::of(context, &view) {
+                for r in sides {
+                    self.link_unlinked(context, &view, r, &lamp, &mut linked);
+                }
+            }
         }
         Ok(())
     }
@@ -188,9 +214,10 @@ impl<'a> Receiver<'a> {
         self.find_out_whether_cut(context, at, r);
         let strength = self.strength(at, source.radiosity);
         let emits = source_view.emits(s.name);
-        let may_be_sealed = emits && self.is_dim(at, source.radiosity) && context.cuts.is_cut(s);
-        let receiver_is_cut = emits && self.cut[at] == Some(true);
-        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, s, Visibility::Partial) };
+        let follows = emits && !self.surveys;
+        let may_be_sealed = follows && self.is_dim(at, source.radiosity) && context.cuts.is_cut(s);
+        let receiver_is_cut = follows && self.cut[at] == Some(true);
+        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, PARTIAL_VARIATION) };
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
@@ -285,19 +312,19 @@ impl<'a> Receiver<'a> {
         self.mesh.elements[at].irradiance.max() < DIM * radiosity.max()
     }
 
-    fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
+    pub(super) fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
         let element = &self.mesh.elements[at];
         oracle::strength(radiosity, element.irradiance, element.spread())
     }
 
-    fn case(&self, at: usize, r: &Node, s: &Node, class: Visibility) -> Case {
+    pub(super) fn case(&self, at: usize, r: &Node, source_variation: f64) -> Case {
         Case {
             receiver_area_m2: self.mesh.elements[at].area_m2,
             receiver_edge_m: r.shape.longest_edge(),
             receiver_has_levels: r.name.depth() < MAX_DEPTH,
             may_be_sealed: false,
             receiver_is_cut: false,
-            source_variation: variation(r, s, class),
+            source_variation,
         }
     }
 
@@ -347,6 +374,14 @@ impl<'a> Receiver<'a> {
             Verdict::Keep => return true,
             Verdict::Withhold if is_withheld => return true,
             Verdict::Withhold => self.keep(self.position(at), link.source, &sight_of(link).without_light()),
+            Verdict::SplitReceiver if link.source.is_sector() => {
+                let lamp = Bundle::of(context.sides, view, link.source);
+                self.link_quarters(context, view, at, &r, &lamp);
+            }
+            Verdict::SplitSource if link.source.is_sector() => {
+                let lamp = Bundle::of(context.sides, view, link.source);
+                self.link_parts(context, view, at, &r, &lamp);
+            }
             Verdict::SplitReceiver => {
                 let known = Known::stored(link.class);
                 self.link_children(context, view, at, &r, &node(view, link.source), &known);
@@ -369,17 +404,21 @@ impl<'a> Receiver<'a> {
         let bound = (0.5 * sight.spread + sight.uncertainty) * strength
             + oracle::SOURCE_SIGN * sight.form_factor * source.spread * PARTIAL_VARIATION;
         let dim = self.is_dim(at, source.radiosity);
-        let emits = view.emits(link.source);
-        if !(emits && ((dim && source.divided) || self.cut[at] == Some(true)))
+        let follows = view.emits(link.source) && !self.surveys;
+        if !(follows && ((dim && source.divided) || self.cut[at] == Some(true)))
             && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
         {
             return Verdict::Keep;
         }
         self.find_out_whether_cut(context, at, r);
+        if link.source.is_sector() {
+            let case = self.case(at, r, PARTIAL_VARIATION);
+            return oracle::judge(&sight, strength, &source, &case, &context.tolerances);
+        }
         let s = node(view, link.source);
-        let may_be_sealed = emits && dim && context.cuts.is_cut(&s);
-        let receiver_is_cut = emits && self.cut[at] == Some(true);
-        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, &s, link.class) };
+        let may_be_sealed = follows && dim && context.cuts.is_cut(&s);
+        let receiver_is_cut = follows && self.cut[at] == Some(true);
+        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, variation(r, &s, link.class)) };
         oracle::judge(&sight, strength, &source, &case, &context.tolerances)
     }
 }
@@ -434,7 +473,7 @@ pub(super) fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
 }
 
 /// A patch side as part of a name.
-fn side_key(name: NodeName) -> u64 {
+pub(super) fn side_key(name: NodeName) -> u64 {
     name.0 >> 29
 }
 
@@ -443,7 +482,7 @@ pub const DIM: f64 = 0.15;
 
 /// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
 /// part (what lies under a box is dark and unseen), an error that does not average out over links.
-const PARTIAL_VARIATION: f64 = 4.0;
+pub(super) const PARTIAL_VARIATION: f64 = 4.0;
 
 /// How much the kernel may vary over the source: all of it where visibility does, little from afar.
 pub(super) fn variation(r: &Node, s: &Node, class: Visibility) -> f64 {

@@ -32,7 +32,7 @@ impl Receiver<'_> {
     pub fn sealed_leaves(&mut self, context: &Context<'_>) -> Result<HashSet<NodeName>> {
         let mut sealed = HashSet::new();
         // Where lights alone are sources, other links may be there from before: after a lamp has changed.
-        let by_rays = context.scope == Scope::Everything;
+        let by_rays = context.scope == Scope::Everything || self.surveys;
         let sectors = self.mesh.sectors.len();
         let has_links = |rows: &[Vec<Link>], at: usize, surveys_too: bool| {
             let counts = |link: &Link| link.form_factor > 0.0 && (surveys_too || link.class != Visibility::Surveyed);
@@ -99,7 +99,9 @@ impl Receiver<'_> {
             return Ok(is_lit);
         }
         let parent = self.mesh.elements[at].parent;
-        let mut is_lit = parent != NONE && self.is_lit_by_an_emitter(context, parent as usize, known)?;
+        // Links of elements that do not follow cuts tell nothing of the parts.
+        let above_tells = parent != NONE && !self.surveys;
+        let mut is_lit = above_tells && self.is_lit_by_an_emitter(context, parent as usize, known)?;
         let to_emitters = |link: &&Link| link.form_factor > 0.0 && link.class != Visibility::Surveyed;
         for link in self.rows[self.position(at)].iter().filter(to_emitters) {
             if is_lit {
@@ -198,7 +200,8 @@ mod tests {
         let corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
         let patch = PatchRecord { corners_m, corner_count: 4, area_m2: 4.0, ..PatchRecord::zeroed() };
         let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let mut mesh = Mesh { cluster: ClusterId(0), sectors: Vec::new(), side_sector: Vec::new(), elements: Vec::new() };
+        let mut mesh =
+            Mesh { cluster: ClusterId(0), sectors: Vec::new(), side_sector: Vec::new(), elements: Vec::new() };
         mesh.elements.push(crate::transport::mesh::Element {
             name: root,
             first_child: NONE,

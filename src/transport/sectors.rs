@@ -32,7 +32,6 @@ impl Sector {
         let h = self.irradiance.0;
         (0..3).map(|i| (self.leaf_high[i] - h[i]).max(h[i] - self.leaf_low[i])).fold(0.0, f64::max)
     }
-
 }
 
 /// Which way a patch side faces: the sector it belongs to.

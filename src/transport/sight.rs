@@ -78,14 +78,14 @@ pub struct Care {
 }
 
 /// No form factor's error above this is let pass, however alike source and receiver are now.
-const LARGEST_DOUBT: f64 = 0.002;
+pub(super) const LARGEST_DOUBT: f64 = 0.002;
 
 /// Rays of the first batch, and the most for one link.
-const FIRST_RAYS: u64 = 8;
-const MOST_RAYS: u64 = 256;
+pub(super) const FIRST_RAYS: u64 = 8;
+pub(super) const MOST_RAYS: u64 = 256;
 
 /// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
-const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
+pub(super) const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
 
 /// What was found out about a pair of nodes.
 pub struct Look<'a> {
@@ -98,7 +98,7 @@ pub struct Look<'a> {
 }
 
 /// Sets the rays that count apart from those that decide.
-const FRESH: u64 = 0x6672_6573_6800_0000;
+pub(super) const FRESH: u64 = 0x6672_6573_6800_0000;
 
 /// Returns what the receiver `r` sees of the source `s`; `None` if they do not face each other.
 /// `known` is inherited from a pair of nodes that holds this one. Counts rays in `rays`.
@@ -185,17 +185,17 @@ pub const UNANIMOUS: f64 = 0.15;
 
 /// Shares of visible rays, whole and per quarter of the receiver.
 #[derive(Default)]
-struct Tally {
+pub(super) struct Tally {
     weight: f64,
     weight_squared: f64,
     visible: f64,
     quarter_weight: [f64; 4],
     quarter_visible: [f64; 4],
-    cast: u64,
+    pub(super) cast: u64,
 }
 
 impl Tally {
-    fn add(&mut self, quarter: usize, weight: f64, visible: bool) {
+    pub(super) fn add(&mut self, quarter: usize, weight: f64, visible: bool) {
         let seen = if visible { weight } else { 0.0 };
         self.weight += weight;
         self.weight_squared += weight * weight;
@@ -205,12 +205,12 @@ impl Tally {
         self.cast += 1;
     }
 
-    fn share(&self) -> f64 {
+    pub(super) fn share(&self) -> f64 {
         if self.weight > 0.0 { self.visible / self.weight } else { 0.0 }
     }
 
     /// Standard error of the share; where all rays agree, what they may well have missed.
-    fn error(&self) -> f64 {
+    pub(super) fn error(&self) -> f64 {
         if self.weight <= 0.0 {
             return 0.5;
         }
@@ -223,7 +223,7 @@ impl Tally {
     }
 
     /// Deviation of the quarters' shares that rays' noise does not explain.
-    fn gradient(&self) -> f64 {
+    pub(super) fn gradient(&self) -> f64 {
         let share = self.share();
         let noise = (share * (1.0 - share) * 4.0 / self.cast.max(4) as f64).sqrt();
         let deviation = (0..4)

@@ -66,10 +66,10 @@ impl ClusterView<'_> {
         node
     }
 
-    /// Whether the side that an element lies on emits.
+    /// Whether the side that an element lies on emits; sector nodes are sources where all of their sides do.
     #[must_use]
     pub fn emits(&self, element: NodeName) -> bool {
-        self.materials[element.patch_side().index()].exitance != [0.0; 3]
+        element.is_sector() || self.materials[element.patch_side().index()].exitance != [0.0; 3]
     }
 
     /// Whether a patch side takes part at all.

@@ -37,6 +37,10 @@ const RAYS: (u64, u64) = (64, 1024);
 /// Share of the error that a row may carry which noise may make up.
 const NOISE_SHARE: f64 = 0.5;
 
+/// Edge, in smallest elements, of a node beyond which noise must fall as area grows: else few large nodes, seeing
+/// little, would carry most of the error of all power.
+const LARGE: f64 = 8.0;
+
 /// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
 const DARK: f64 = 1e-3;
 
@@ -119,7 +123,8 @@ impl Receiver<'_> {
         let mut worth = worth(&looked);
         let unresolved = unresolved(&looked, &near, &worth);
         worth.gradient = worth.gradient.max(worth.irradiance * pilot.uneven_cover());
-        if self.can_resolve(context, r, unresolved) {
+        // An element that stands for a part of itself is not divided: its quarters would stand for others.
+        if region.is_none() && self.can_resolve(context, r, unresolved) {
             return self.survey_below(context, r, &whole);
         }
         let straddles = r.as_element().is_none() && is_partly_dark(&looked, &pilot, &context.tolerances);
@@ -211,7 +216,7 @@ impl Receiver<'_> {
         let Some(element) = position.checked_sub(self.mesh.sectors.len()) else { return Vec::new() };
         let mut whole = HashSet::new();
         let mut add = |row: &[Link]| {
-            let pairs = row.iter().filter(|link| link.class != Visibility::Surveyed);
+            let pairs = row.iter().filter(|link| link.class != Visibility::Surveyed && !link.source.is_sector());
             whole.extend(pairs.map(|link| NodeName::root(link.source.cluster(), link.source.patch_side())));
         };
         add(row);
@@ -241,26 +246,23 @@ impl Receiver<'_> {
         matters && r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, floor_m))
     }
 
-    fn verdict(
-        &self,
-        context: &Context<'_>,
-        r: &Bundle,
-        worth: &Worth,
-    ) -> Verdict {
+    fn verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
         let tolerances = &context.tolerances;
         let floor_m2 = tolerances.min_element_m * tolerances.min_element_m;
         let matters = |error: f64| {
             let excess = error / tolerances.row_w_m2;
             excess > 1.0 && excess * r.area_m2 > floor_m2
         };
-        let can_split = r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, tolerances.min_element_m));
+        let can_split =
+            r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, tolerances.min_element_m));
         if can_split && matters(worth.gradient) {
             return Verdict::Split;
         }
-        if !matters(worth.noise / NOISE_SHARE) {
+        let noise = worth.noise / NOISE_SHARE * (r.area_m2 / (LARGE * LARGE * floor_m2)).sqrt().max(1.0);
+        if !matters(noise) {
             return Verdict::Keep(RAYS.0);
         }
-        let excess = worth.noise / (NOISE_SHARE * tolerances.row_w_m2);
+        let excess = noise / tolerances.row_w_m2;
         Verdict::Keep(((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two().min(RAYS.1))
     }
 
@@ -377,12 +379,7 @@ fn unresolved(row: &[(Link, Rgb)], near: &[f64], worth: &Worth) -> f64 {
 }
 
 /// Adds links to what rays met, but for emitters and sides in `whole`. Returns how much of each is near.
-fn add_counted(
-    context: &Context<'_>,
-    cast: &Cast,
-    whole: &[NodeName],
-    row: &mut Lit,
-) -> Result<Vec<f64>> {
+fn add_counted(context: &Context<'_>, cast: &Cast, whole: &[NodeName], row: &mut Lit) -> Result<Vec<f64>> {
     let rays = cast.rays() as f64;
     let mut near = Vec::new();
     let mut met: Vec<(NodeName, usize, bool)> = Vec::with_capacity(cast.met.len());
@@ -391,7 +388,7 @@ fn add_counted(
         let loaded = context.clusters.cluster(m.cluster)?;
         let view = loaded.view();
         let root = NodeName::root(m.cluster, m.side);
-        if !view.takes_part(m.side.index()) || view.emits(root) || whole.binary_search(&root).is_ok() {
+        if view.emits(root) || whole.binary_search(&root).is_ok() {
             continue;
         }
         counted += 1;

@@ -12,8 +12,9 @@ use crate::base::{Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::split::{area_vector, split};
 
-/// Bend of a quad, relative to its longest edge, that still counts as planar.
+/// Bend of a quad that still counts as planar, relative to its longest and to its shortest edge.
 const PLANAR: f64 = 1e-4;
+const PLANAR_ACROSS: f64 = 0.01;
 /// Height of a sliver, relative to its longest edge, that counts as no area.
 const THIN: f64 = 1e-6;
 /// Four times the rounding of stored coordinates, relative to the largest.
@@ -24,11 +25,16 @@ pub const LONGEST_EDGE_M: f64 = 160.0;
 /// How far from its mean plane a polygon's corners may lie, m.
 #[must_use]
 pub fn planar_tolerance(points: &[DVec3], snap_m: f64) -> f64 {
-    (0.5 * snap_m).max(PLANAR * longest_edge(points))
+    let shortest = edges(points).fold(f64::INFINITY, f64::min);
+    (0.5 * snap_m).max((PLANAR * longest_edge(points)).min(PLANAR_ACROSS * shortest))
+}
+
+fn edges(points: &[DVec3]) -> impl Iterator<Item = f64> {
+    (0..points.len()).map(|i| points[i].distance(points[(i + 1) % points.len()]))
 }
 
 fn longest_edge(points: &[DVec3]) -> f64 {
-    (0..points.len()).map(|i| points[i].distance(points[(i + 1) % points.len()])).fold(0.0, f64::max)
+    edges(points).fold(0.0, f64::max)
 }
 
 fn is_thin(points: &[DVec3]) -> bool {

@@ -1,0 +1,234 @@
+//! Many emitters as one source: a sector node all of whose sides emit alike.
+//!
+//! A tube of forty facets, or a ceiling of tubes, would else be looked at facet by facet by every receiver. Form
+//! factors are exact, summed over the sides; rays go to all of them in proportion to area.
+
+use super::bundle::Bundle;
+use super::form_factor;
+use super::oracle::{self, Verdict};
+use super::refine::{Context, PARTIAL_VARIATION, Receiver, side_key};
+use super::sight::{self, Care, Sight};
+use super::source::ClusterView;
+use crate::base::{NodeName, Result};
+use crate::geom::quadtree;
+use crate::geom::sequence::{Sequence, mix};
+use crate::model::links::Visibility;
+use crate::rays::node::Node;
+
+use std::collections::HashSet;
+
+/// The largest sector nodes of a cluster all of whose sides emit alike, and emitting sides that have none.
+#[must_use]
+pub fn of(context: &Context<'_>, view: &ClusterView<'_>) -> Vec<Bundle> {
+    let mut lamps = Vec::new();
+    let tops = view.geometry.sectors.iter().filter(|s| s.tree_node == 0);
+    let mut open: Vec<NodeName> = tops.map(|s| s.node()).collect();
+    while let Some(name) = open.pop() {
+        let bundle = Bundle::of(context.sides, view, name);
+        let exitance = |side: &NodeName| view.materials[side.patch_side().index()].exitance;
+        let first = exitance(&bundle.sides()[0].node.name);
+        if bundle.sides().iter().all(|side| exitance(&side.node.name) == first) {
+            if first != [0.0; 3] {
+                lamps.push(bundle);
+            }
+        } else {
+            open.extend(bundle.children(view));
+        }
+    }
+    lamps.sort_by_key(|lamp| lamp.name);
+    lamps
+}
+
+impl Receiver<'_> {
+    /// Links a receiving side to a lamp, or to those parts of it that it is not linked to.
+    pub(super) fn link_unlinked(
+        &mut self,
+        context: &Context<'_>,
+        view: &ClusterView<'_>,
+        r: &Node,
+        lamp: &Bundle,
+        linked: &mut HashSet<(usize, u64)>,
+    ) {
+        let at = r.name.patch_side().index();
+        let known = |linked: &HashSet<(usize, u64)>, s: &Node| linked.contains(&(at, side_key(s.name)));
+        let count = lamp.sides().iter().filter(|s| known(linked, &s.node)).count();
+        if count == 0 {
+            linked.extend(lamp.sides().iter().map(|s| (at, side_key(s.node.name))));
+            self.link_lamp(context, view, at, r, lamp);
+        } else if count < lamp.sides().len() {
+            for name in lamp.children(view) {
+                self.link_unlinked(context, view, r, &Bundle::of(context.sides, view, name), linked);
+            }
+        }
+    }
+
+    /// Links `r` (element `at` of the mesh) to a lamp, as finely as the oracle asks for.
+    pub(super) fn link_lamp(
+        &mut self,
+        context: &Context<'_>,
+        view: &ClusterView<'_>,
+        at: usize,
+        r: &Node,
+        lamp: &Bundle,
+    ) {
+        if let Some(s) = lamp.as_element() {
+            if r.end.key != s.end.key {
+                self.link(context, view, at, r, s, &sight::Known::stored(Visibility::Partial));
+            }
+            return;
+        }
+        if r.shape.centre().distance(lamp.centre) < lamp.radius_m {
+            return self.link_parts(context, view, at, r, lamp);
+        }
+        let source = view.source(lamp.name);
+        let strength = self.strength(at, source.radiosity);
+        let case = self.case(at, r, PARTIAL_VARIATION);
+        let care = Care {
+            allowed: context.tolerances.row_w_m2 / strength,
+            can_split: oracle::can_split(&case, &context.tolerances, 2.0),
+            one_region_source: false,
+            seed: context.seed,
+            rays: None,
+        };
+        let judge = |found: &Sight| oracle::judge(found, strength, &source, &case, &context.tolerances);
+        let Some((found, verdict)) = look(context, r, lamp, care, &judge, &mut self.counts.rays) else { return };
+        self.counts.evaluated += 1;
+        match verdict {
+            Verdict::Keep => self.keep(self.position(at), lamp.name, &found),
+            Verdict::Withhold => self.keep(self.position(at), lamp.name, &found.without_light()),
+            Verdict::SplitReceiver => self.link_quarters(context, view, at, r, lamp),
+            Verdict::SplitSource => self.link_parts(context, view, at, r, lamp),
+        }
+    }
+
+    pub(super) fn link_parts(
+        &mut self,
+        context: &Context<'_>,
+        view: &ClusterView<'_>,
+        at: usize,
+        r: &Node,
+        lamp: &Bundle,
+    ) {
+        for name in lamp.children(view) {
+            self.link_lamp(context, view, at, r, &Bundle::of(context.sides, view, name));
+        }
+    }
+
+    pub(super) fn link_quarters(
+        &mut self,
+        context: &Context<'_>,
+        view: &ClusterView<'_>,
+        at: usize,
+        r: &Node,
+        lamp: &Bundle,
+    ) {
+        self.split(at);
+        let first = self.mesh.elements[at].first_child as usize;
+        for quarter in 0..4u32 {
+            self.link_lamp(context, view, first + quarter as usize, &r.child(quarter), lamp);
+        }
+    }
+
+    /// Sides that emit of each receiver side that links lead to: (receiver side index, source side).
+    pub(super) fn linked_lamps(&self, context: &Context<'_>) -> Result<HashSet<(usize, u64)>> {
+        let mut linked = HashSet::new();
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
+            let at = element.name.patch_side().index();
+            for link in row.iter().filter(|link| link.class != Visibility::Surveyed) {
+                if link.source.is_sector() {
+                    let loaded = context.clusters.cluster(link.source.cluster())?;
+                    let lamp = Bundle::of(context.sides, &loaded.view(), link.source);
+                    linked.extend(lamp.sides().iter().map(|s| (at, side_key(s.node.name))));
+                } else {
+                    linked.insert((at, side_key(link.source)));
+                }
+            }
+        }
+        Ok(linked)
+    }
+}
+
+/// What `r` sees of a lamp, by rays of its own where it is kept (see [`sight::look`]); `None` if no side faces it.
+fn look(
+    context: &Context<'_>,
+    r: &Node,
+    lamp: &Bundle,
+    care: Care,
+    judge: &dyn Fn(&Sight) -> Verdict,
+    rays: &mut u64,
+) -> Option<(Sight, Verdict)> {
+    let slack = context.cuts.scene().snap_m() * 1e-3;
+    let distance_squared = r.shape.centre().distance_squared(lamp.centre);
+    let rough = (lamp.area_m2 / (std::f64::consts::PI * distance_squared)).clamp(1e-8, 1.0);
+    let tolerance = (0.1 * care.allowed * rough.sqrt()).clamp(1e-7, sight::FORM_FACTOR_TOLERANCE);
+    let share = tolerance / (lamp.sides().len() as f64).sqrt();
+    let mut clear = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Partial };
+    let mut is_faced = false;
+    for side in lamp.sides().iter().filter(|side| r.faces(&side.node, slack)) {
+        is_faced = true;
+        let open = form_factor::average(&r.shape, r.normal, &side.node.shape, side.node.normal, share);
+        clear.form_factor += open.mean;
+        clear.spread += (open.high - open.mean).max(open.mean - open.low);
+        clear.uncertainty += open.error;
+    }
+    if !is_faced {
+        return None;
+    }
+    let (found, cast) = sample(context, r, lamp, &clear, care, rays);
+    let verdict = judge(&found);
+    if verdict != Verdict::Keep {
+        return Some((found, verdict));
+    }
+    let fresh = Care { seed: care.seed ^ sight::FRESH, rays: Some(cast), ..care };
+    Some((sample(context, r, lamp, &clear, fresh, rays).0, verdict))
+}
+
+/// A sight by rays, and how many were cast.
+fn sample(context: &Context<'_>, r: &Node, lamp: &Bundle, clear: &Sight, care: Care, rays: &mut u64) -> (Sight, u64) {
+    let (cuts, scene) = (context.cuts, context.cuts.scene());
+    let region = if sight::is_smallest(r, cuts.min_element_m()) { cuts.region(r) } else { None };
+    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
+    let sequence = Sequence::new(mix(care.seed ^ mix(r.name.0)) ^ lamp.name.0);
+    let allowed = (care.allowed * clear.form_factor.sqrt()).min(sight::LARGEST_DOUBT);
+    let softening = 2e-3 * lamp.area_m2 / lamp.sides().len() as f64;
+    let mut tally = sight::Tally::default();
+    let mut target = care.rays.unwrap_or(sight::FIRST_RAYS);
+    let mut index = 0;
+    loop {
+        while tally.cast < target && index < 4 * target {
+            let [a, b, c, d] = sequence.point(index);
+            let quarter = (index % 4) as usize;
+            index += 1;
+            let from = quarters[quarter].point(a, b);
+            let (side, along) = lamp.draw(c);
+            let to = side.node.shape.point(along, d);
+            let between = to - from;
+            let (cos_r, cos_s) = (r.normal.dot(between), -side.node.normal.dot(between));
+            if cos_r <= 0.0 || cos_s <= 0.0 || region.is_some_and(|region| !region.holds(scene, from)) {
+                continue;
+            }
+            let distance_squared = between.length_squared();
+            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
+            *rays += 1;
+            tally.add(quarter, weight, !scene.blocked(from, to, &r.end, &side.node.end, &None));
+        }
+        let share = tally.share();
+        let doubt = clear.form_factor * tally.error();
+        let mixed = share > 0.0 && share < 1.0;
+        if care.rays.is_some()
+            || doubt <= allowed
+            || (mixed && care.can_split)
+            || target >= sight::MOST_RAYS
+            || index >= 4 * target
+        {
+            let sight = Sight {
+                form_factor: clear.form_factor * share,
+                spread: clear.spread * share + clear.form_factor * tally.gradient(),
+                uncertainty: doubt + clear.uncertainty * share,
+                class: Visibility::Partial,
+            };
+            return (sight, tally.cast);
+        }
+        target *= 2;
+    }
+}
