@@ -3,23 +3,22 @@
 //! A tube of forty facets, or a ceiling of tubes, would else be looked at facet by facet by every receiver. Form
 //! factors are exact, summed over the sides; rays go to all of them in proportion to area.
 
+use std::collections::HashSet;
+
 use super::bundle::Bundle;
 use super::form_factor;
 use super::oracle::{self, Verdict};
 use super::refine::{Context, PARTIAL_VARIATION, Receiver, side_key};
 use super::sight::{self, Care, Sight};
 use super::source::ClusterView;
-use crate::base::{NodeName, Result};
+use crate::base::{ClusterId, Error, NodeName, Result};
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::Visibility;
 use crate::rays::node::Node;
 
-use std::collections::HashSet;
-
 /// The largest sector nodes of a cluster all of whose sides emit alike, and emitting sides that have none.
-#[must_use]
-pub fn of(context: &Context<'_>, view: &ClusterView<'_>) -> Vec<Bundle> {
+fn of(context: &Context<'_>, view: &ClusterView<'_>) -> Vec<Bundle> {
     let mut lamps = Vec::new();
     let tops = view.geometry.sectors.iter().filter(|s| s.tree_node == 0);
     let mut open: Vec<NodeName> = tops.map(|s| s.node()).collect();
@@ -40,6 +39,27 @@ pub fn of(context: &Context<'_>, view: &ClusterView<'_>) -> Vec<Bundle> {
 }
 
 impl Receiver<'_> {
+    /// Links every side to the lamps that it is not linked to yet.
+    pub(super) fn link_lamps(&mut self, context: &Context<'_>, visible: &[ClusterId], sides: &[Node]) -> Result<()> {
+        let mut linked = self.linked_lamps(context)?;
+        for &id in visible {
+            if context.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let loaded = context.clusters.cluster(id)?;
+            let view = loaded.view();
+            if view.materials.iter().all(|m| m.exitance == [0.0; 3]) {
+                continue;
+            }
+            for lamp in of(context, &view) {
+                for r in sides {
+                    self.link_unlinked(context, &view, r, &lamp, &mut linked);
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Links a receiving side to a lamp, or to those parts of it that it is not linked to.
     pub(super) fn link_unlinked(
         &mut self,

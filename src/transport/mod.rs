@@ -13,6 +13,7 @@ mod memory_scene;
 pub mod mesh;
 pub mod met;
 pub mod oracle;
+pub mod pairs;
 pub mod push_pull;
 pub mod records;
 pub mod refine;

@@ -4,10 +4,10 @@
 use std::collections::HashSet;
 
 use super::bundle::{Bundle, SideCache};
-use super::lamps;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::{self, Case, Tolerances, Verdict};
+use super::pairs::Sources;
 use super::sight::{self, Care, Known, Sight};
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
@@ -114,88 +114,6 @@ impl<'a> Receiver<'a> {
         for row in &mut self.rows {
             row.sort_by_key(|l| l.source);
             row.shrink_to_fit();
-        }
-        Ok(())
-    }
-
-    /// Links every side to the lamps that it is not linked to yet.
-    fn link_lamps(&mut self, context: &Context<'_>, visible: &[ClusterId], sides: &[Node]) -> Result<()> {
-        let mut linked = self.linked_lamps(context)?;
-        for &id in visible {
-            if context.progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
-            let loaded = context.clusters.cluster(id)?;
-            let view = loaded.view();
-            if view.materials.iter().all(|m| m.exitance == [0.0; 3]) {
-                continue;
-            }
-            for lamp in lamps::of(context, &view) {
-                for r in sides {
-                    self.link_unlinked(context, &view, r, &lamp, &mut linked);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Patch sides that any link of each receiver side leads to: (receiver side index, source side).
-    fn linked_sides(&self) -> HashSet<(usize, u64)> {
-        let mut linked = HashSet::new();
-        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
-            let side = element.name.patch_side().index();
-            let pairs = row.iter().filter(|l| l.class != Visibility::Surveyed);
-            linked.extend(pairs.map(|l| (side, side_key(l.source))));
-        }
-        linked
-    }
-
-    fn sides_that_matter(&self) -> Vec<bool> {
-        // Emitters need whole rows even where nothing lights them: what they see tells what escapes.
-        let mut lit: Vec<bool> = self.view.materials.iter().map(|m| m.exitance != [0.0; 3]).collect();
-        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
-            if row.iter().any(|l| l.form_factor > 0.0) {
-                lit[element.name.patch_side().index()] = true;
-            }
-        }
-        lit
-    }
-
-    fn link_sources(
-        &mut self,
-        context: &Context<'_>,
-        visible: &[ClusterId],
-        sides: &[Node],
-        chosen: &[usize],
-        linked: &mut HashSet<(usize, u64)>,
-        which: Sources,
-    ) -> Result<()> {
-        if chosen.is_empty() {
-            return Ok(());
-        }
-        let slack = context.cuts.scene().snap_m() * 1e-3;
-        for &id in visible {
-            if context.progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
-            let loaded = context.clusters.cluster(id)?;
-            let view = loaded.view();
-            for index in 0..2 * view.geometry.patches.len() {
-                let at = PatchSide::from_index(index);
-                let name = NodeName::root(id, at);
-                if !view.takes_part(index) || !which.hold(&view, name) {
-                    continue;
-                }
-                let s = Node::root(id, &view.geometry.patches[usize::from(at.patch)], at);
-                for &i in chosen {
-                    let r = &sides[i];
-                    let r_side = r.name.patch_side().index();
-                    if r.end.key == s.end.key || !r.faces(&s, slack) || !linked.insert((r_side, side_key(name))) {
-                        continue;
-                    }
-                    self.link(context, &view, r_side, r, &s, &Known::stored(Visibility::Partial));
-                }
-            }
         }
         Ok(())
     }
@@ -439,24 +357,6 @@ fn sees_few(context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
         }
     }
     Ok(true)
-}
-
-/// Patch sides to be linked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Sources {
-    Emitting,
-    Lit,
-    Dark,
-}
-
-impl Sources {
-    fn hold(self, view: &ClusterView<'_>, root: NodeName) -> bool {
-        match self {
-            Self::Emitting => view.emits(root),
-            Self::Lit => !view.source(root).radiosity.is_black(),
-            Self::Dark => view.source(root).radiosity.is_black(),
-        }
-    }
 }
 
 pub(super) fn sight_of(link: &Link) -> Sight {

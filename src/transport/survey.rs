@@ -2,13 +2,13 @@
 //!
 //! A receiver casts cosine-weighted rays from all over its sides, and what they meet are its sources: the
 //! share of the rays that meet one is its form factor, visibility included. So a row costs the same in an
-//! empty room and among a thousand books, it sums to 1 as it stands, and nothing is linked that is not
-//! seen. A source is the node whose size is that of the part which one ray stands for: far off a sector node,
-//! near by an element, to be refined by name alone. A side that fills much of the view and is seen whole has
-//! the closed form instead.
+//! empty room and among a thousand books, and nothing is linked that is not seen. A source is the smallest
+//! element at the place that was met, named whether stored or not: what is divided later is seen where it was
+//! met. Sides that are seen whole are linked pair by pair instead.
 //!
-//! A survey begins at the sector nodes at the top of a cluster. More rays are cast while noise matters, and a
-//! node is split where what arrives differs from quarter to quarter.
+//! A survey begins at the sector nodes at the top of a cluster. A node is split where what arrives differs from
+//! quarter to quarter, and more rays are cast while noise matters. The rays that decide so do not count: see
+//! [`super::sight::look`].
 
 use std::collections::HashSet;
 

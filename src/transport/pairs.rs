@@ -1,0 +1,96 @@
+//! Pairs of patch sides: where few are in sight each receiver is linked to each of them.
+
+use std::collections::HashSet;
+
+use super::refine::{Context, Receiver, side_key};
+use super::sight::Known;
+use super::source::ClusterView;
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Result};
+use crate::model::links::Visibility;
+use crate::rays::node::Node;
+
+/// Patch sides to be linked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sources {
+    /// Those that emit.
+    Emitting,
+    /// Those that light leaves now.
+    Lit,
+    /// All others.
+    Dark,
+}
+
+impl Sources {
+    fn hold(self, view: &ClusterView<'_>, root: NodeName) -> bool {
+        match self {
+            Self::Emitting => view.emits(root),
+            Self::Lit => !view.source(root).radiosity.is_black(),
+            Self::Dark => view.source(root).radiosity.is_black(),
+        }
+    }
+}
+
+impl Receiver<'_> {
+    /// Patch sides that any link of each receiver side leads to: (receiver side index, source side).
+    pub(super) fn linked_sides(&self) -> HashSet<(usize, u64)> {
+        let mut linked = HashSet::new();
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
+            let side = element.name.patch_side().index();
+            let pairs = row.iter().filter(|l| l.class != Visibility::Surveyed);
+            linked.extend(pairs.map(|l| (side, side_key(l.source))));
+        }
+        linked
+    }
+
+    /// Patch sides that light reaches or leaves.
+    pub(super) fn sides_that_matter(&self) -> Vec<bool> {
+        // Emitters need whole rows even where nothing lights them: what they see tells what escapes.
+        let mut lit: Vec<bool> = self.view.materials.iter().map(|m| m.exitance != [0.0; 3]).collect();
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
+            if row.iter().any(|l| l.form_factor > 0.0) {
+                lit[element.name.patch_side().index()] = true;
+            }
+        }
+        lit
+    }
+
+    /// Links the `chosen` of a cluster's `sides` to what they are not linked to yet.
+    pub(super) fn link_sources(
+        &mut self,
+        context: &Context<'_>,
+        visible: &[ClusterId],
+        sides: &[Node],
+        chosen: &[usize],
+        linked: &mut HashSet<(usize, u64)>,
+        which: Sources,
+    ) -> Result<()> {
+        if chosen.is_empty() {
+            return Ok(());
+        }
+        let slack = context.cuts.scene().snap_m() * 1e-3;
+        for &id in visible {
+            if context.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let loaded = context.clusters.cluster(id)?;
+            let view = loaded.view();
+            for index in 0..2 * view.geometry.patches.len() {
+                let at = PatchSide::from_index(index);
+                let name = NodeName::root(id, at);
+                if !view.takes_part(index) || !which.hold(&view, name) {
+                    continue;
+                }
+                let s = Node::root(id, &view.geometry.patches[usize::from(at.patch)], at);
+                for &i in chosen {
+                    let r = &sides[i];
+                    let r_side = r.name.patch_side().index();
+                    if r.end.key == s.end.key || !r.faces(&s, slack) || !linked.insert((r_side, side_key(name))) {
+                        continue;
+                    }
+                    self.link(context, &view, r_side, r, &s, &Known::stored(Visibility::Partial));
+                }
+            }
+        }
+        Ok(())
+    }
+}
