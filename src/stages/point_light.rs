@@ -7,12 +7,11 @@ use glam::DVec3;
 use lru::LruCache;
 
 use super::group_links::LinkStore;
-use super::working_set::{MappedCluster, WorkingSet};
+use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::locate::Place;
-use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 use crate::transport::bundle::{Bundle, SideCache};
 use crate::transport::gather_point::{self, Gathered};
@@ -65,16 +64,11 @@ impl<'a, 's> PointLight<'a, 's> {
         }
     }
 
-    /// The leaf element that holds a point of a patch side.
-    pub fn leaf(&self, cluster: &MappedCluster, at: Place, point: DVec3) -> Node {
-        cluster.view().leaf_at(PatchSide { patch: at.key.patch as u8, side: at.side }, point)
-    }
-
     /// Irradiance at a point (m from the store's origin) of a patch side, W/m2.
     pub fn irradiance(&mut self, at: Place, point: DVec3) -> Result<Rgb> {
         let id = ClusterId(at.key.cluster);
         let mapped = self.set.mapped(id)?;
-        let leaf = self.leaf(&mapped, at, point);
+        let leaf = mapped.view().leaf_at(PatchSide { patch: at.key.patch as u8, side: at.side }, point);
         let rows = self.rows(id)?;
         let closure = rows.closure.binary_search_by_key(&leaf.name.0, |c| c.leaf).ok().map(|i| &rows.closure[i]);
         // Exactly on the plane: what lies in it must not count as above or below.

@@ -64,8 +64,7 @@ impl Default for SideCache {
 
 impl SideCache {
     /// The sides of a cluster.
-    #[must_use]
-    pub fn of(&self, view: &ClusterView<'_>) -> Rc<Sides> {
+    fn of(&self, view: &ClusterView<'_>) -> Rc<Sides> {
         if let Some(known) = self.0.borrow_mut().get(&view.id.0) {
             return known.clone();
         }
@@ -97,8 +96,7 @@ enum Parts {
 
 impl Bundle {
     /// An element.
-    #[must_use]
-    pub fn element(node: Node) -> Self {
+    fn element(node: Node) -> Self {
         let area_m2 = node.shape.area();
         let (centre, radius_m) = (node.shape.centre(), node.shape.radius());
         let side = Side { node, area_m2 };
@@ -106,8 +104,7 @@ impl Bundle {
     }
 
     /// A sector node; with one side below it, that side.
-    #[must_use]
-    pub fn sector(sides: Rc<Sides>, view: &ClusterView<'_>, name: NodeName) -> Self {
+    fn sector(sides: Rc<Sides>, view: &ClusterView<'_>, name: NodeName) -> Self {
         let run = sides.below(view, name);
         let sector = usize::from(name.sector_digit());
         let below = &sides.0[sector][run.clone()];

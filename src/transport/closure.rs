@@ -12,9 +12,9 @@ use bytemuck::Zeroable;
 
 use super::link_rows::Link;
 use super::mesh::Mesh;
+use super::sectors;
 use crate::base::NodeName;
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
-use crate::model::geometry::NONE;
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
@@ -132,25 +132,16 @@ pub fn rows(
     mut measured: impl FnMut(NodeName) -> Row,
 ) -> Vec<LeafClosure> {
     let (of_sectors, links) = links.split_at(mesh.sectors.len());
-    let mut down: Vec<Sums> = Vec::with_capacity(of_sectors.len());
-    for ((sector, row), lift) in mesh.sectors.iter().zip(of_sectors).zip(lift) {
-        let above = if sector.parent == NONE { Sums::default() } else { down[sector.parent as usize] };
-        let own = row.iter().fold(Sums::default(), |sum, link| sum.with(link, false));
-        down.push(above.plus(&own.times(*lift)));
-    }
+    let inner =
+        |row: &[Link], lift: f64| row.iter().fold(Sums::default(), |sum, link| sum.with(link, false)).times(lift);
+    let down = of_sectors.iter().zip(lift).map(|(row, lift)| inner(row, *lift)).collect();
+    let mut above = sectors::bring_down(mesh, down, |own, above| own.plus(&above));
     let lift = &lift[mesh.sectors.len()..];
-    let mut above = vec![Sums::default(); mesh.elements.len()];
-    for (root, &sector) in mesh.side_sector.iter().enumerate() {
-        if sector != NONE {
-            above[root] = down[sector as usize];
-        }
-    }
     let mut out = Vec::new();
     for (at, element) in mesh.elements.iter().enumerate() {
         if !element.is_leaf() {
             let first = element.first_child as usize;
-            let own = links[at].iter().fold(Sums::default(), |sum, link| sum.with(link, false));
-            let down = above[at].plus(&own.times(lift[at]));
+            let down = above[at].plus(&inner(&links[at], lift[at]));
             above[first..first + 4].fill(down);
             continue;
         }

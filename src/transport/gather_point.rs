@@ -9,6 +9,7 @@ use super::met::element_at;
 use super::refine::DIM;
 use super::sight::{self, UNANIMOUS};
 use super::source::{ClusterView, Clusters};
+use super::survey_row::counted_error;
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
@@ -87,7 +88,7 @@ pub fn add_link(
     gathered: &mut Gathered,
     rays: &mut u64,
 ) {
-    if matches!(link.class, Visibility::Hidden | Visibility::Surveyed) {
+    if link.class == Visibility::Hidden {
         return;
     }
     let patch = &source_view.geometry.patches[usize::from(link.source.patch_side().patch)];
@@ -312,7 +313,7 @@ pub fn add_survey(
     }
     if met > 0 {
         let share = met as f64 / SURVEY_RAYS as f64;
-        let error = (share * (1.0 - share).max(1.0 / SURVEY_RAYS as f64) / SURVEY_RAYS as f64).sqrt();
+        let error = counted_error(share, SURVEY_RAYS as f64);
         gathered.add(light * (1.0 / met as f64), Seen { form_factor: share, error });
     }
     Ok(())

@@ -39,9 +39,14 @@ fn of(context: &Context<'_>, view: &ClusterView<'_>) -> Vec<Bundle> {
 }
 
 impl Receiver<'_> {
-    /// Links every side to the lamps that it is not linked to yet.
-    pub(super) fn link_lamps(&mut self, context: &Context<'_>, visible: &[ClusterId], sides: &[Node]) -> Result<()> {
-        let mut linked = self.linked_lamps(context)?;
+    /// Links every side to the lamps that are not among its `linked`.
+    pub(super) fn link_lamps(
+        &mut self,
+        context: &Context<'_>,
+        visible: &[ClusterId],
+        sides: &[Node],
+        linked: &mut HashSet<(usize, u64)>,
+    ) -> Result<()> {
         for &id in visible {
             if context.progress.interrupted() {
                 return Err(Error::Interrupted);
@@ -53,7 +58,7 @@ impl Receiver<'_> {
             }
             for lamp in of(context, &view) {
                 for r in sides {
-                    self.link_unlinked(context, &view, r, &lamp, &mut linked);
+                    self.link_unlinked(context, &view, r, &lamp, linked);
                 }
             }
         }
@@ -61,7 +66,7 @@ impl Receiver<'_> {
     }
 
     /// Links a receiving side to a lamp, or to those parts of it that it is not linked to.
-    pub(super) fn link_unlinked(
+    fn link_unlinked(
         &mut self,
         context: &Context<'_>,
         view: &ClusterView<'_>,
@@ -83,14 +88,7 @@ impl Receiver<'_> {
     }
 
     /// Links `r` (element `at` of the mesh) to a lamp, as finely as the oracle asks for.
-    pub(super) fn link_lamp(
-        &mut self,
-        context: &Context<'_>,
-        view: &ClusterView<'_>,
-        at: usize,
-        r: &Node,
-        lamp: &Bundle,
-    ) {
+    fn link_lamp(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, lamp: &Bundle) {
         if let Some(s) = lamp.as_element() {
             if r.end.key != s.end.key {
                 self.link(context, view, at, r, s, &sight::Known::stored(Visibility::Partial));
@@ -148,24 +146,6 @@ impl Receiver<'_> {
             self.link_lamp(context, view, first + quarter as usize, &r.child(quarter), lamp);
         }
     }
-
-    /// Sides that emit of each receiver side that links lead to: (receiver side index, source side).
-    pub(super) fn linked_lamps(&self, context: &Context<'_>) -> Result<HashSet<(usize, u64)>> {
-        let mut linked = HashSet::new();
-        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
-            let at = element.name.patch_side().index();
-            for link in row.iter().filter(|link| link.class != Visibility::Surveyed) {
-                if link.source.is_sector() {
-                    let loaded = context.clusters.cluster(link.source.cluster())?;
-                    let lamp = Bundle::of(context.sides, &loaded.view(), link.source);
-                    linked.extend(lamp.sides().iter().map(|s| (at, side_key(s.node.name))));
-                } else {
-                    linked.insert((at, side_key(link.source)));
-                }
-            }
-        }
-        Ok(linked)
-    }
 }
 
 /// What `r` sees of a lamp, by rays of its own where it is kept (see [`sight::look`]); `None` if no side faces it.
@@ -178,9 +158,7 @@ fn look(
     rays: &mut u64,
 ) -> Option<(Sight, Verdict)> {
     let slack = context.cuts.scene().snap_m() * 1e-3;
-    let distance_squared = r.shape.centre().distance_squared(lamp.centre);
-    let rough = (lamp.area_m2 / (std::f64::consts::PI * distance_squared)).clamp(1e-8, 1.0);
-    let tolerance = (0.1 * care.allowed * rough.sqrt()).clamp(1e-7, sight::FORM_FACTOR_TOLERANCE);
+    let tolerance = care.tolerance(lamp.area_m2, r.shape.centre().distance_squared(lamp.centre));
     let share = tolerance / (lamp.sides().len() as f64).sqrt();
     let mut clear = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Partial };
     let mut is_faced = false;
@@ -194,61 +172,30 @@ fn look(
     if !is_faced {
         return None;
     }
-    let (found, cast) = sample(context, r, lamp, &clear, care, rays);
-    let verdict = judge(&found);
-    if verdict != Verdict::Keep {
-        return Some((found, verdict));
-    }
-    let fresh = Care { seed: care.seed ^ sight::FRESH, rays: Some(cast), ..care };
-    Some((sample(context, r, lamp, &clear, fresh, rays).0, verdict))
+    Some(sight::judged(care, judge, |care| sample(context, r, lamp, &clear, care, rays)))
 }
 
 /// A sight by rays, and how many were cast.
 fn sample(context: &Context<'_>, r: &Node, lamp: &Bundle, clear: &Sight, care: Care, rays: &mut u64) -> (Sight, u64) {
-    let (cuts, scene) = (context.cuts, context.cuts.scene());
-    let region = if sight::is_smallest(r, cuts.min_element_m()) { cuts.region(r) } else { None };
+    let scene = context.cuts.scene();
+    let region = sight::smallest_region(context.cuts, r);
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
     let sequence = Sequence::new(mix(care.seed ^ mix(r.name.0)) ^ lamp.name.0);
-    let allowed = (care.allowed * clear.form_factor.sqrt()).min(sight::LARGEST_DOUBT);
     let softening = 2e-3 * lamp.area_m2 / lamp.sides().len() as f64;
-    let mut tally = sight::Tally::default();
-    let mut target = care.rays.unwrap_or(sight::FIRST_RAYS);
-    let mut index = 0;
-    loop {
-        while tally.cast < target && index < 4 * target {
-            let [a, b, c, d] = sequence.point(index);
-            let quarter = (index % 4) as usize;
-            index += 1;
-            let from = quarters[quarter].point(a, b);
-            let (side, along) = lamp.draw(c);
-            let to = side.node.shape.point(along, d);
-            let between = to - from;
-            let (cos_r, cos_s) = (r.normal.dot(between), -side.node.normal.dot(between));
-            if cos_r <= 0.0 || cos_s <= 0.0 || region.is_some_and(|region| !region.holds(scene, from)) {
-                continue;
-            }
-            let distance_squared = between.length_squared();
-            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
-            *rays += 1;
-            tally.add(quarter, weight, !scene.blocked(from, to, &r.end, &side.node.end, &None));
+    sight::cast(care, clear, None, |index, tally| {
+        let [a, b, c, d] = sequence.point(index);
+        let quarter = (index % 4) as usize;
+        let from = quarters[quarter].point(a, b);
+        let (side, along) = lamp.draw(c);
+        let to = side.node.shape.point(along, d);
+        let between = to - from;
+        let (cos_r, cos_s) = (r.normal.dot(between), -side.node.normal.dot(between));
+        if cos_r <= 0.0 || cos_s <= 0.0 || region.is_some_and(|region| !region.holds(scene, from)) {
+            return;
         }
-        let share = tally.share();
-        let doubt = clear.form_factor * tally.error();
-        let mixed = share > 0.0 && share < 1.0;
-        if care.rays.is_some()
-            || doubt <= allowed
-            || (mixed && care.can_split)
-            || target >= sight::MOST_RAYS
-            || index >= 4 * target
-        {
-            let sight = Sight {
-                form_factor: clear.form_factor * share,
-                spread: clear.spread * share + clear.form_factor * tally.gradient(),
-                uncertainty: doubt + clear.uncertainty * share,
-                class: Visibility::Partial,
-            };
-            return (sight, tally.cast);
-        }
-        target *= 2;
-    }
+        let distance_squared = between.length_squared();
+        let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
+        *rays += 1;
+        tally.add(quarter, weight, !scene.blocked(from, to, &r.end, &side.node.end, &None));
+    })
 }

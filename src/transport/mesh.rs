@@ -129,6 +129,7 @@ impl Mesh {
             next += 1;
         }
         super::push_pull::pull(&mut mesh);
+        sectors::measure(&mut mesh);
         mesh
     }
 

@@ -71,7 +71,7 @@ pub fn can_split(case: &Case, tolerances: &Tolerances, excess: f64) -> bool {
 }
 
 /// Share of a row's error below which no light is worth following through a cut element.
-pub const NEGLIGIBLE: f64 = 1e-4;
+const NEGLIGIBLE: f64 = 1e-4;
 
 /// Factor on errors from a source's spread, which do not average out over a row as others do: what is near
 /// is linked finely and lies in dim corners, what is far coarsely and misses the bright middles.

@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use super::bundle::Bundle;
 use super::refine::{Context, Receiver, side_key};
 use super::sight::Known;
 use super::source::ClusterView;
@@ -31,15 +32,23 @@ impl Sources {
 }
 
 impl Receiver<'_> {
-    /// Patch sides that any link of each receiver side leads to: (receiver side index, source side).
-    pub(super) fn linked_sides(&self) -> HashSet<(usize, u64)> {
+    /// Patch sides that any link of each receiver side leads to, surveyed ones left out: (receiver side index, source
+    /// side).
+    pub(super) fn linked_sides(&self, context: &Context<'_>) -> Result<HashSet<(usize, u64)>> {
         let mut linked = HashSet::new();
         for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
-            let side = element.name.patch_side().index();
-            let pairs = row.iter().filter(|l| l.class != Visibility::Surveyed);
-            linked.extend(pairs.map(|l| (side, side_key(l.source))));
+            let at = element.name.patch_side().index();
+            for link in row.iter().filter(|link| link.class != Visibility::Surveyed) {
+                if link.source.is_sector() {
+                    let loaded = context.clusters.cluster(link.source.cluster())?;
+                    let lamp = Bundle::of(context.sides, &loaded.view(), link.source);
+                    linked.extend(lamp.sides().iter().map(|s| (at, side_key(s.node.name))));
+                } else {
+                    linked.insert((at, side_key(link.source)));
+                }
+            }
         }
-        linked
+        Ok(linked)
     }
 
     /// Patch sides that light reaches or leaves.

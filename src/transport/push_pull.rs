@@ -3,7 +3,6 @@
 use super::mesh::Mesh;
 use super::sectors;
 use crate::base::{NodeName, Rgb};
-use crate::model::geometry::NONE;
 use crate::model::links::LeafClosure;
 
 /// How a leaf's row is closed: see [`super::closure`].
@@ -76,21 +75,10 @@ impl Gathered {
 /// those below it.
 pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
     let (of_sectors, own) = gathered.split_at(mesh.sectors.len());
-    let mut above = vec![Gathered::default(); mesh.elements.len()];
     let (of_above, factors) = factors.split_at(mesh.sectors.len());
     // Those above come earlier: one pass down, one up.
-    let mut down: Vec<Gathered> = of_sectors.iter().zip(of_above).map(|(own, by)| own.times(by.own_scale)).collect();
-    for at in 0..down.len() {
-        let parent = mesh.sectors[at].parent;
-        if parent != NONE {
-            down[at] = down[at].plus(down[parent as usize]);
-        }
-    }
-    for (root, &sector) in mesh.side_sector.iter().enumerate() {
-        if sector != NONE {
-            above[root] = down[sector as usize];
-        }
-    }
+    let down = of_sectors.iter().zip(of_above).map(|(own, by)| own.times(by.own_scale)).collect();
+    let mut above = sectors::bring_down(mesh, down, Gathered::plus);
     for at in 0..mesh.elements.len() {
         let element = &mut mesh.elements[at];
         if element.is_leaf() {
@@ -126,5 +114,4 @@ pub fn pull(mesh: &mut Mesh) {
         above.leaf_high =
             std::array::from_fn(|i| children.iter().map(|c| c.leaf_high[i]).fold(f64::NEG_INFINITY, f64::max));
     }
-    sectors::pull(mesh);
 }

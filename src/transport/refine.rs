@@ -1,8 +1,6 @@
 //! Refinement of one receiving cluster: tests stored links, links sources not yet linked, splits
 //! receivers where light changes. Foreign sources are refined by name alone.
 
-use std::collections::HashSet;
-
 use super::bundle::{Bundle, SideCache};
 use super::link_rows::Link;
 use super::mesh::Mesh;
@@ -97,9 +95,9 @@ impl<'a> Receiver<'a> {
             })
             .collect();
         let all: Vec<usize> = (0..sides.len()).collect();
-        let mut linked = if self.surveys { HashSet::new() } else { self.linked_sides() };
+        let mut linked = self.linked_sides(context)?;
         if self.surveys {
-            self.link_lamps(context, visible, &sides)?;
+            self.link_lamps(context, visible, &sides, &mut linked)?;
             if context.scope == Scope::Everything {
                 self.survey_all(context)?;
             }

@@ -9,7 +9,8 @@ use std::collections::HashSet;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::refine::{Context, Receiver, Scope};
-use super::sight::is_smallest;
+use super::sectors::{bring_down, sum_up};
+use super::sight::{is_smallest, smallest_region};
 use super::source::ClusterView;
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, NodeName, PatchSide, Result};
@@ -38,16 +39,9 @@ impl Receiver<'_> {
             let counts = |link: &Link| link.form_factor > 0.0 && (surveys_too || link.class != Visibility::Surveyed);
             rows[at].iter().any(counts)
         };
-        let mut linked_sectors: Vec<bool> = (0..sectors).map(|at| has_links(&self.rows, at, true)).collect();
-        for at in 0..sectors {
-            let parent = self.mesh.sectors[at].parent;
-            linked_sectors[at] |= parent != NONE && linked_sectors[parent as usize];
-        }
         // Whether light arrives at anything above.
-        let mut linked = vec![false; self.mesh.elements.len()];
-        for (root, &sector) in self.mesh.side_sector.iter().enumerate() {
-            linked[root] = sector != NONE && linked_sectors[sector as usize];
-        }
+        let by_sectors = (0..sectors).map(|at| has_links(&self.rows, at, true)).collect();
+        let mut linked = bring_down(&self.mesh, by_sectors, |own, above| own || above);
         let mut lit_by_emitters = vec![None; self.mesh.elements.len()];
         for at in 0..self.mesh.elements.len() {
             let element = self.mesh.elements[at];
@@ -131,23 +125,14 @@ pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
             lift[at] = if open > 0.0 { area / open } else { 1.0 };
         }
     }
-    let mut open_sectors_m2 = vec![0.0; mesh.sectors.len()];
-    for (root, &sector) in mesh.side_sector.iter().enumerate().filter(|(_, sector)| **sector != NONE) {
-        open_sectors_m2[sector as usize] += open_m2[root];
-    }
-    for at in (0..mesh.sectors.len()).rev() {
-        let parent = mesh.sectors[at].parent;
-        if parent != NONE {
-            open_sectors_m2[parent as usize] += open_sectors_m2[at];
-        }
-    }
+    let open_sectors_m2 = sum_up(mesh, |root| open_m2[root]);
     let above = mesh.sectors.iter().zip(open_sectors_m2);
     above.map(|(s, open)| if open > 0.0 { s.area_m2 / open } else { 1.0 }).chain(lift).collect()
 }
 
 fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool> {
     let cuts = context.cuts;
-    let region = if is_smallest(leaf, cuts.min_element_m()) { cuts.region(leaf) } else { None };
+    let region = smallest_region(cuts, leaf);
     let sequence = Sequence::new(mix(context.seed ^ mix(leaf.name.0)) ^ SALT);
     let mut cast = 0;
     for i in 0..4 * RAYS {
@@ -181,8 +166,7 @@ fn is_lit(cuts: &Cuts<'_>, view: &ClusterView<'_>, hit: &Hit, point: glam::DVec3
     if view.source(leaf.name).radiosity.is_black() {
         return false;
     }
-    let region = if is_smallest(&leaf, cuts.min_element_m()) { cuts.region(&leaf) } else { None };
-    region.is_none_or(|region| region.holds(cuts.scene(), point))
+    smallest_region(cuts, &leaf).is_none_or(|region| region.holds(cuts.scene(), point))
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! The sector nodes of a receiving cluster: above the roots of its patch sides, in the same hierarchy.
 
+use std::ops::AddAssign;
+
 use crate::base::{NodeName, PatchSide, Rgb};
 use crate::geom::quadtree;
 use crate::model::geometry::{GeometryView, NONE, SideMaterial, sector_of};
@@ -11,27 +13,10 @@ use super::mesh::Mesh;
 pub struct Sector {
     /// Its name.
     pub name: NodeName,
-    /// Node of the cluster's tree.
-    pub tree_node: u32,
     /// Position of the sector node above, or [`NONE`]; it comes earlier.
     pub parent: u32,
     /// Area of the sides below, m2.
     pub area_m2: f64,
-    /// Mean irradiance of the sides below, W/m2.
-    pub irradiance: Rgb,
-    /// Darkest and brightest leaf below, per channel, W/m2.
-    pub leaf_low: [f64; 3],
-    /// See `leaf_low`.
-    pub leaf_high: [f64; 3],
-}
-
-impl Sector {
-    /// Largest deviation, in any channel, of any leaf below, W/m2.
-    #[must_use]
-    pub fn spread(&self) -> f64 {
-        let h = self.irradiance.0;
-        (0..3).map(|i| (self.leaf_high[i] - h[i]).max(h[i] - self.leaf_low[i])).fold(0.0, f64::max)
-    }
 }
 
 /// Which way a patch side faces: the sector it belongs to.
@@ -47,7 +32,7 @@ fn find(geometry: &GeometryView<'_>, of: NodeName, sector: u8, tree_node: u32) -
     geometry.sectors.binary_search_by_key(&name.0, |s| s.name).map_or(NONE, |i| i as u32)
 }
 
-/// All sector nodes of a cluster, by name; unlit until [`pull`].
+/// All sector nodes of a cluster, by name.
 #[must_use]
 pub fn load(geometry: &GeometryView<'_>) -> Vec<Sector> {
     let above = |head: &crate::model::geometry::SectorHead| {
@@ -57,15 +42,7 @@ pub fn load(geometry: &GeometryView<'_>) -> Vec<Sector> {
     geometry
         .sectors
         .iter()
-        .map(|head| Sector {
-            name: head.node(),
-            tree_node: head.tree_node,
-            parent: above(head),
-            area_m2: f64::from(head.area_m2),
-            irradiance: Rgb::BLACK,
-            leaf_low: [f64::INFINITY; 3],
-            leaf_high: [0.0; 3],
-        })
+        .map(|head| Sector { name: head.node(), parent: above(head), area_m2: f64::from(head.area_m2) })
         .collect()
 }
 
@@ -83,57 +60,55 @@ pub fn above_sides(geometry: &GeometryView<'_>, of: NodeName) -> Vec<u32> {
         .collect()
 }
 
-/// Sets means and extremes of all sector nodes from the roots below.
-pub fn pull(mesh: &mut Mesh) {
-    let Mesh { sectors, side_sector, elements, .. } = mesh;
-    for sector in sectors.iter_mut() {
-        (sector.irradiance, sector.area_m2) = (Rgb::BLACK, 0.0);
-        (sector.leaf_low, sector.leaf_high) = ([f64::INFINITY; 3], [0.0; 3]);
-    }
-    for (root, &above) in elements.iter().zip(side_sector.iter()) {
-        if above == NONE {
-            continue;
-        }
-        let sector = &mut sectors[above as usize];
-        add(sector, root.irradiance * root.area_m2, root.area_m2, root.leaf_low, root.leaf_high);
+/// What each sector node holds of the roots below it, summed in their order; `of_root` by position.
+#[must_use]
+pub fn sum_up<T: Copy + Default + AddAssign>(mesh: &Mesh, of_root: impl Fn(usize) -> T) -> Vec<T> {
+    let mut sums = vec![T::default(); mesh.sectors.len()];
+    for (root, &sector) in mesh.side_sector.iter().enumerate().filter(|(_, sector)| **sector != NONE) {
+        sums[sector as usize] += of_root(root);
     }
     // Those above come earlier: sums go up from the end.
-    for at in (0..sectors.len()).rev() {
-        let below = sectors[at];
-        if below.parent != NONE {
-            let above = &mut sectors[below.parent as usize];
-            add(above, below.irradiance, below.area_m2, below.leaf_low, below.leaf_high);
+    for at in (0..sums.len()).rev() {
+        let (sum, parent) = (sums[at], mesh.sectors[at].parent);
+        if parent != NONE {
+            sums[parent as usize] += sum;
         }
     }
-    for sector in sectors.iter_mut() {
-        sector.irradiance = sector.irradiance * (1.0 / sector.area_m2.max(f64::MIN_POSITIVE));
-    }
+    sums
 }
 
-fn add(to: &mut Sector, power: Rgb, area_m2: f64, low: [f64; 3], high: [f64; 3]) {
-    to.irradiance += power;
-    to.area_m2 += area_m2;
-    to.leaf_low = std::array::from_fn(|i| to.leaf_low[i].min(low[i]));
-    to.leaf_high = std::array::from_fn(|i| to.leaf_high[i].max(high[i]));
+/// What comes down to each root from its `own` of all sector nodes above, by element: nothing yet to those that are
+/// no roots.
+#[must_use]
+pub fn bring_down<T: Copy + Default>(mesh: &Mesh, mut own: Vec<T>, plus: impl Fn(T, T) -> T) -> Vec<T> {
+    for at in 0..own.len() {
+        let parent = mesh.sectors[at].parent;
+        if parent != NONE {
+            own[at] = plus(own[at], own[parent as usize]);
+        }
+    }
+    let mut above = vec![T::default(); mesh.elements.len()];
+    for (root, &sector) in mesh.side_sector.iter().enumerate().filter(|(_, sector)| **sector != NONE) {
+        above[root] = own[sector as usize];
+    }
+    above
+}
+
+/// Sets the areas of all sector nodes from the roots below.
+pub fn measure(mesh: &mut Mesh) {
+    let areas_m2 = sum_up(mesh, |root| mesh.elements[root].area_m2);
+    for (sector, area_m2) in mesh.sectors.iter_mut().zip(areas_m2) {
+        sector.area_m2 = area_m2;
+    }
 }
 
 /// Mean radiosity of each sector node, W/m2; `materials` are two per patch.
 #[must_use]
 pub fn radiosities(mesh: &Mesh, materials: &[SideMaterial]) -> Vec<Rgb> {
-    let mut power = vec![Rgb::BLACK; mesh.sectors.len()];
-    for (i, &above) in mesh.side_sector.iter().enumerate() {
-        if above != NONE {
-            let (root, material) = (&mesh.elements[i], &materials[i]);
-            let leaves = Rgb::from_f32(material.exitance) + Rgb::from_f32(material.rho).times(root.irradiance);
-            power[above as usize] += leaves * root.area_m2;
-        }
-    }
-    for at in (0..power.len()).rev() {
-        let parent = mesh.sectors[at].parent;
-        if parent != NONE {
-            let sum = power[at];
-            power[parent as usize] += sum;
-        }
-    }
+    let power = sum_up(mesh, |i| {
+        let (root, material) = (&mesh.elements[i], &materials[i]);
+        let leaves = Rgb::from_f32(material.exitance) + Rgb::from_f32(material.rho).times(root.irradiance);
+        leaves * root.area_m2
+    });
     power.iter().zip(&mesh.sectors).map(|(p, s)| *p * (1.0 / s.area_m2.max(f64::MIN_POSITIVE))).collect()
 }

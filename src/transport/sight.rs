@@ -77,15 +77,23 @@ pub struct Care {
     pub rays: Option<u64>,
 }
 
+impl Care {
+    /// Error that an unoccluded form factor may have, for a source of so much area at such a distance.
+    pub(super) fn tolerance(&self, area_m2: f64, distance_squared_m2: f64) -> f64 {
+        let rough = (area_m2 / (std::f64::consts::PI * distance_squared_m2)).clamp(1e-8, 1.0);
+        (0.1 * self.allowed * rough.sqrt()).clamp(1e-7, FORM_FACTOR_TOLERANCE)
+    }
+}
+
 /// No form factor's error above this is let pass, however alike source and receiver are now.
-pub(super) const LARGEST_DOUBT: f64 = 0.002;
+const LARGEST_DOUBT: f64 = 0.002;
 
 /// Rays of the first batch, and the most for one link.
-pub(super) const FIRST_RAYS: u64 = 8;
-pub(super) const MOST_RAYS: u64 = 256;
+const FIRST_RAYS: u64 = 8;
+const MOST_RAYS: u64 = 256;
 
 /// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
-pub(super) const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
+const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
 
 /// What was found out about a pair of nodes.
 pub struct Look<'a> {
@@ -98,7 +106,7 @@ pub struct Look<'a> {
 }
 
 /// Sets the rays that count apart from those that decide.
-pub(super) const FRESH: u64 = 0x6672_6573_6800_0000;
+const FRESH: u64 = 0x6672_6573_6800_0000;
 
 /// Returns what the receiver `r` sees of the source `s`; `None` if they do not face each other.
 /// `known` is inherited from a pair of nodes that holds this one. Counts rays in `rays`.
@@ -126,23 +134,14 @@ pub fn look<'a>(
     if known.class == Visibility::Hidden {
         return Some(certain(nothing));
     }
-    let centres = r.shape.centre().distance_squared(s.shape.centre());
-    let rough = (s.shape.area() / (std::f64::consts::PI * centres)).clamp(1e-8, 1.0);
-    let tolerance = (0.1 * care.allowed * rough.sqrt()).clamp(1e-7, FORM_FACTOR_TOLERANCE);
+    let tolerance = care.tolerance(s.shape.area(), r.shape.centre().distance_squared(s.shape.centre()));
     let open = form_factor::average(&r.shape, r.normal, &s.shape, s.normal, tolerance);
     let spread = (open.high - open.mean).max(open.mean - open.low);
     let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible };
-    let smallest = |node: &Node| is_smallest(node, cuts.min_element_m());
-    let region = |node: &Node, wanted: bool| if wanted { cuts.region(node) } else { None };
-    let regions = [region(r, smallest(r)), region(s, smallest(s) || care.one_region_source)];
+    let s_region = if care.one_region_source { cuts.region(s) } else { smallest_region(cuts, s) };
+    let regions = [smallest_region(cuts, r), s_region];
     let mut counted = |blockers: Blockers<'a>| {
-        let (sight, cast) = sample(cuts, [r, s], &clear, regions, care, &blockers, rays);
-        let verdict = judge(&sight);
-        if verdict != Verdict::Keep {
-            return Look { sight, blockers, verdict };
-        }
-        let care = Care { seed: care.seed ^ FRESH, rays: Some(cast), ..care };
-        let (sight, _) = sample(cuts, [r, s], &clear, regions, care, &blockers, rays);
+        let (sight, verdict) = judged(care, judge, |care| sample(cuts, [r, s], &clear, regions, care, &blockers, rays));
         Look { sight, blockers, verdict }
     };
     if regions.iter().any(Option::is_some) {
@@ -151,33 +150,53 @@ pub fn look<'a>(
     if known.class == Visibility::Visible {
         return Some(certain(clear));
     }
-    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
-    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
-        return None;
-    }
-    let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
-    match scene.shaft(ends[0], ends[1], &known.blockers) {
+    match contents(cuts, r, s, &known.blockers)? {
         Contents::Nothing => Some(certain(clear)),
         Contents::Wall => Some(certain(nothing)),
         Contents::Something(blockers) => Some(counted(blockers)),
     }
 }
 
+/// What lies between those parts of two elements that face each other; `None` if none do.
+fn contents<'a>(cuts: &Cuts<'a>, r: &Node, s: &Node, known: &Blockers<'a>) -> Option<Contents<'a>> {
+    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
+    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
+        return None;
+    }
+    let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
+    Some(cuts.scene().shaft(ends[0], ends[1], known))
+}
+
 /// Whether nothing lies between two elements: `false` where that is not proved.
 #[must_use]
 pub fn sees_whole(cuts: &Cuts<'_>, r: &Node, s: &Node) -> bool {
-    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
-    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
-        return false;
+    matches!(contents(cuts, r, s, &None), Some(Contents::Nothing))
+}
+
+/// The sight that decides what to do with a link; where the link is kept, as many other rays tell what counts.
+pub(super) fn judged(
+    care: Care,
+    judge: &dyn Fn(&Sight) -> Verdict,
+    mut sample: impl FnMut(Care) -> (Sight, u64),
+) -> (Sight, Verdict) {
+    let (sight, cast) = sample(care);
+    let verdict = judge(&sight);
+    if verdict != Verdict::Keep {
+        return (sight, verdict);
     }
-    let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
-    matches!(cuts.scene().shaft(ends[0], ends[1], &None), Contents::Nothing)
+    (sample(Care { seed: care.seed ^ FRESH, rays: Some(cast), ..care }).0, verdict)
 }
 
 /// Whether an element is too short to be split.
 #[must_use]
 pub fn is_smallest(node: &Node, min_element_m: f64) -> bool {
     0.5 * node.shape.longest_edge() < min_element_m
+}
+
+/// The part that stands for an element too short to be split; `None` for larger ones, and if nothing cuts it.
+#[must_use]
+pub fn smallest_region(cuts: &Cuts<'_>, node: &Node) -> Option<Region> {
+    if is_smallest(node, cuts.min_element_m()) { cuts.region(node) } else { None }
 }
 
 /// Share that n agreeing rays may have missed, times n: a quarter of what they are expected to.
@@ -191,7 +210,9 @@ pub(super) struct Tally {
     visible: f64,
     quarter_weight: [f64; 4],
     quarter_visible: [f64; 4],
-    pub(super) cast: u64,
+    cast: u64,
+    /// Unoccluded form factor at places of the part that stands for the receiver, where that is not all of it.
+    open: Option<Mean>,
 }
 
 impl Tally {
@@ -205,12 +226,12 @@ impl Tally {
         self.cast += 1;
     }
 
-    pub(super) fn share(&self) -> f64 {
+    fn share(&self) -> f64 {
         if self.weight > 0.0 { self.visible / self.weight } else { 0.0 }
     }
 
     /// Standard error of the share; where all rays agree, what they may well have missed.
-    pub(super) fn error(&self) -> f64 {
+    fn error(&self) -> f64 {
         if self.weight <= 0.0 {
             return 0.5;
         }
@@ -223,7 +244,7 @@ impl Tally {
     }
 
     /// Deviation of the quarters' shares that rays' noise does not explain.
-    pub(super) fn gradient(&self) -> f64 {
+    fn gradient(&self) -> f64 {
         let share = self.share();
         let noise = (share * (1.0 - share) * 4.0 / self.cast.max(4) as f64).sqrt();
         let deviation = (0..4)
@@ -236,7 +257,7 @@ impl Tally {
 
 /// A mean of samples.
 #[derive(Default)]
-struct Mean {
+pub(super) struct Mean {
     count: f64,
     sum: f64,
     squares: f64,
@@ -330,44 +351,57 @@ fn sample(
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.
     let softening = 2e-3 * s.shape.area() / cells.shapes.len() as f64;
+    let open = r_region.is_some().then(Mean::default);
+    cast(care, clear, open, |index, tally| {
+        let [a, b, c, d] = sequence.point(index);
+        let quarter = (index % 4) as usize;
+        let from = quarters[quarter].point(a, b);
+        let (to, density) = cells.draw(r, s, from, [c, d]);
+        if !inside(&r_region, from) {
+            return;
+        }
+        if let Some(open) = &mut tally.open {
+            open.add(form_factor::at_point(from, r.normal, &s.shape, s.normal));
+        }
+        let along = to - from;
+        let (cos_r, cos_s) = (r.normal.dot(along), -s.normal.dot(along));
+        if cos_r <= 0.0 || cos_s <= 0.0 {
+            return;
+        }
+        let holds = inside(&s_region, to);
+        // The parts of a small source stand for one another on average, those of a large one do not.
+        if !holds && s_is_smallest {
+            return;
+        }
+        let distance_squared = along.length_squared();
+        let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening) * density);
+        *rays += 1;
+        let visible = holds && !scene.blocked(from, to, &r.end, &s.end, blockers);
+        tally.add(quarter, weight, visible);
+    })
+}
+
+/// Casts rays by `ray` (given the number of the try), more of them while that matters: a sight, and how many were
+/// cast. Where `open` is given, `ray` measures the unoccluded form factor too.
+pub(super) fn cast(
+    care: Care,
+    clear: &Sight,
+    open: Option<Mean>,
+    mut ray: impl FnMut(u64, &mut Tally),
+) -> (Sight, u64) {
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
-    let mut tally = Tally::default();
-    let mut open = Mean::default();
+    let mut tally = Tally { open, ..Tally::default() };
     let mut target = care.rays.unwrap_or(FIRST_RAYS);
     let mut index = 0;
     loop {
         while tally.cast < target && index < 4 * target {
-            let [a, b, c, d] = sequence.point(index);
-            let quarter = (index % 4) as usize;
+            ray(index, &mut tally);
             index += 1;
-            let from = quarters[quarter].point(a, b);
-            let (to, density) = cells.draw(r, s, from, [c, d]);
-            if !inside(&r_region, from) {
-                continue;
-            }
-            if r_region.is_some() {
-                open.add(form_factor::at_point(from, r.normal, &s.shape, s.normal));
-            }
-            let along = to - from;
-            let (cos_r, cos_s) = (r.normal.dot(along), -s.normal.dot(along));
-            if cos_r <= 0.0 || cos_s <= 0.0 {
-                continue;
-            }
-            let holds = inside(&s_region, to);
-            // The parts of a small source stand for one another on average, those of a large one do not.
-            if !holds && s_is_smallest {
-                continue;
-            }
-            let distance_squared = along.length_squared();
-            let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening) * density);
-            *rays += 1;
-            let visible = holds && !scene.blocked(from, to, &r.end, &s.end, blockers);
-            tally.add(quarter, weight, visible);
         }
         // The mean over the whole receiver is not that over its part: beside the wall that cuts it the
         // wall itself fills half the view.
-        let (unoccluded, its_error) =
-            if r_region.is_some() { (open.mean(), open.error()) } else { (clear.form_factor, clear.uncertainty) };
+        let whole = (clear.form_factor, clear.uncertainty);
+        let (unoccluded, its_error) = tally.open.as_ref().map_or(whole, |open| (open.mean(), open.error()));
         let share = tally.share();
         let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;

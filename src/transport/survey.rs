@@ -19,8 +19,8 @@ use super::link_rows::Link;
 use super::met::element_at;
 use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
-use super::sight::{Known, is_smallest, sees_whole};
-use super::survey_row::{Worth, pack_quarters, worth};
+use super::sight::{Known, is_smallest, sees_whole, smallest_region};
+use super::survey_row::{Worth, counted_error, pack_quarters, worth};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
 use crate::geom::quadtree;
@@ -67,7 +67,6 @@ struct Cast {
     open: [u64; 4],
     /// Rays that began below another face.
     covered: [u64; 4],
-    index: u64,
 }
 
 /// What is to be done with a node.
@@ -111,8 +110,7 @@ impl Receiver<'_> {
         if context.progress.interrupted() {
             return Err(Error::Interrupted);
         }
-        let region = r.as_element().filter(|n| is_smallest(n, context.cuts.min_element_m()));
-        let region = region.and_then(|n| context.cuts.region(n));
+        let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
         let mut whole = whole.to_vec();
         let pilot = self.cast(context, r, region.as_ref(), RAYS.0, PILOT);
         if let (Some(node), None) = (r.as_element(), &region) {
@@ -127,7 +125,7 @@ impl Receiver<'_> {
         if region.is_none() && self.can_resolve(context, r, unresolved) {
             return self.survey_below(context, r, &whole);
         }
-        let straddles = r.as_element().is_none() && is_partly_dark(&looked, &pilot, &context.tolerances);
+        let straddles = r.as_element().is_none() && is_partly_dark(&looked, &worth, &pilot, &context.tolerances);
         match self.verdict(context, r, &worth) {
             Verdict::Keep(_) if straddles => self.survey_below(context, r, &whole),
             Verdict::Split => self.survey_below(context, r, &whole),
@@ -268,15 +266,16 @@ impl Receiver<'_> {
 
     /// Casts `target` rays from a node.
     fn cast(&mut self, context: &Context<'_>, r: &Bundle, region: Option<&Region>, target: u64, salt: u64) -> Cast {
-        let mut cast = Cast { met: Vec::new(), open: [0; 4], covered: [0; 4], index: 0 };
+        let mut cast = Cast { met: Vec::new(), open: [0; 4], covered: [0; 4] };
+        let mut index = 0;
         let scene = context.cuts.scene();
         let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt);
         let size_m = r.as_element().map_or(r.radius_m, |n| n.shape.longest_edge());
         let quarters = r.as_element().map(|n| std::array::from_fn::<_, 4, _>(|q| quadtree::child(&n.shape, q as u32)));
-        while cast.rays() < target && cast.index < 4 * target {
-            let [a, b, c, d] = sequence.point(cast.index);
-            let quarter = (cast.index % 4) as usize;
-            cast.index += 1;
+        while cast.rays() < target && index < 4 * target {
+            let [a, b, c, d] = sequence.point(index);
+            let quarter = (index % 4) as usize;
+            index += 1;
             let (side, from) = match &quarters {
                 Some(shapes) => (&r.sides()[0], shapes[quarter].point(a, b)),
                 None => {
@@ -348,11 +347,6 @@ fn of_pilot(link: &Link) -> Link {
     Link { form_factor: link.uncertainty, uncertainty: counted_error(share, RAYS.0 as f64) as f32, ..*link }
 }
 
-/// Standard error of a share of `rays` rays: one of all may as well have been none or two.
-fn counted_error(share: f64, rays: f64) -> f64 {
-    (share * (1.0 - share).max(1.0 / rays) / rays).sqrt()
-}
-
 /// Sides that rays met, those met most first.
 fn sides_met(cast: &Cast) -> Vec<NodeName> {
     let mut met: Vec<NodeName> = cast.met.iter().map(|m| NodeName::root(m.cluster, m.side)).collect();
@@ -364,10 +358,10 @@ fn sides_met(cast: &Cast) -> Vec<NodeName> {
 
 /// Whether most rays of a node meet darkness and the others do not: some of its sides may be sealed, and what
 /// arrives at the others would be lost in the mean.
-fn is_partly_dark(row: &Lit, cast: &Cast, tolerances: &Tolerances) -> bool {
+fn is_partly_dark(row: &Lit, worth: &Worth, cast: &Cast, tolerances: &Tolerances) -> bool {
     let lit: f64 = row.iter().filter(|(_, b)| !b.is_black()).map(|(link, _)| f64::from(link.form_factor)).sum();
     let escaped = 1.0 - cast.met.len() as f64 / cast.rays().max(1) as f64;
-    lit > 0.0 && lit < 0.5 * (1.0 - escaped) && worth(row).irradiance > DARK * tolerances.row_w_m2
+    lit > 0.0 && lit < 0.5 * (1.0 - escaped) && worth.irradiance > DARK * tolerances.row_w_m2
 }
 
 /// What a receiver's mean hides: parts of it that something close by shades from what the others see, W/m2. They

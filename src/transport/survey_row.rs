@@ -60,3 +60,9 @@ pub fn worth(row: &[(Link, Rgb)]) -> Worth {
     // A quarter has a quarter of the rays.
     Worth { irradiance: light.norm_squared().sqrt(), mean, noise, gradient: (largest - 2.0 * noise).max(0.0) }
 }
+
+/// Standard error of a share of `rays` rays: one of all may as well have been none or two.
+#[must_use]
+pub fn counted_error(share: f64, rays: f64) -> f64 {
+    (share * (1.0 - share).max(1.0 / rays) / rays).sqrt()
+}
