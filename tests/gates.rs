@@ -1,6 +1,8 @@
 //! Gates: scenes whose light is known exactly, solved by the program at its default settings unless a
 //! test says otherwise. Beside it: leaks, what links must keep to, rigid motion.
 
+#[path = "gates/clutter.rs"]
+mod clutter;
 #[path = "gates/leaks.rs"]
 mod leaks;
 #[path = "gates/links.rs"]

@@ -126,11 +126,13 @@ impl RayScene<'_> {
     /// lower the limit, and stops the visit by returning true.
     #[inline]
     fn visit(&self, ray: &Ray, low: f64, mut limit: f64, mut met: impl FnMut(u32, &RayPatch, f64, &mut f64) -> bool) {
-        let mut top = Stack::new(ray, self.top.nodes, low, limit);
+        // Cleared once for all clusters that the ray enters.
+        let (mut of_top, mut of_cluster) = ([(0, 0.0); DEPTH], [(0, 0.0); DEPTH]);
+        let mut top = Stack::new(&mut of_top, ray, self.top.nodes, low, limit);
         while let Some(node) = top.pop(ray, limit) {
             for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
                 let rays = self.cluster(reference);
-                let mut stack = Stack::new(ray, rays.nodes, low, limit);
+                let mut stack = Stack::new(&mut of_cluster, ray, rays.nodes, low, limit);
                 while let Some(leaf) = stack.pop(ray, limit) {
                     for patch in &rays.patches[leaf.first as usize..(leaf.first + leaf.count) as usize] {
                         if let Some(t) = ray.meets(patch)
@@ -323,9 +325,9 @@ pub enum Nearest {
 const DEPTH: usize = 128;
 
 /// Nodes still to visit, with where the ray enters them.
-struct Stack<'a> {
+struct Stack<'a, 'w> {
     nodes: &'a [RayNode],
-    waiting: [(u32, f32); DEPTH],
+    waiting: &'w mut [(u32, f32); DEPTH],
     count: usize,
     low: f32,
 }
@@ -335,11 +337,11 @@ fn rounded_up(x: f64) -> f32 {
     (x as f32) * (1.0 + f32::EPSILON) + f32::MIN_POSITIVE
 }
 
-impl<'a> Stack<'a> {
+impl<'a, 'w> Stack<'a, 'w> {
     #[inline(always)]
-    fn new(ray: &Ray, nodes: &'a [RayNode], low: f64, limit: f64) -> Self {
+    fn new(waiting: &'w mut [(u32, f32); DEPTH], ray: &Ray, nodes: &'a [RayNode], low: f64, limit: f64) -> Self {
         let low = -rounded_up(-low);
-        let mut stack = Self { nodes, waiting: [(0, 0.0); DEPTH], count: 0, low };
+        let mut stack = Self { nodes, waiting, count: 0, low };
         if let Some(near) = ray.enters(&nodes[0], low, rounded_up(limit)) {
             stack.push(0, near);
         }

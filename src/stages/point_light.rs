@@ -14,7 +14,10 @@ use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::region::Cuts;
 use crate::transport::bundle::{Bundle, SideCache};
+use crate::transport::gather_lamps;
 use crate::transport::gather_point::{self, Gathered};
+use crate::transport::lamp_list::{self, LampTree};
+use crate::transport::lamp_survey;
 use crate::transport::link_rows::{self, Link};
 use crate::transport::source::{Clusters, Loaded};
 
@@ -22,6 +25,8 @@ use crate::transport::source::{Clusters, Loaded};
 struct Rows {
     rows: Vec<(NodeName, Vec<Link>)>,
     closure: Vec<LeafClosure>,
+    /// The lamps in sight, where they are surveyed.
+    lamps: Option<LampTree>,
     /// At most so many bytes of links.
     bytes: usize,
 }
@@ -125,6 +130,11 @@ impl<'a, 's> PointLight<'a, 's> {
             }
             above = name.parent();
         }
+        if let Some(lamps) = &rows.lamps {
+            let (scene, rays) = (self.cuts.scene(), &mut self.rays);
+            gather_lamps::add_lamps(scene, self.set, &self.sides, &place, lamps, &survey, &mut gathered, rays)?;
+            linked.extend(survey.emitters(self.set)?);
+        }
         // Rows of sector nodes come last.
         is_surveyed |= rows.rows.last().is_some_and(|(name, _)| name.is_sector());
         if is_surveyed {
@@ -148,12 +158,17 @@ impl<'a, 's> PointLight<'a, 's> {
             self.held_bytes -= dropped.bytes;
         }
         self.held_bytes += bytes;
-        let mut rows = Vec::new();
+        let mut rows: Vec<(NodeName, Vec<Link>)> = Vec::new();
         link_rows::for_each_row(&views, |name, view, range| {
             rows.push((name, range.map(|i| link_rows::link_at(view, i)).collect()));
         });
         let closure = views.last().map_or_else(Vec::new, |newest| newest.closure.to_vec());
-        let rows = Rc::new(Rows { rows, closure, bytes });
+        let lamps = if rows.iter().any(|(_, row)| row.iter().any(lamp_survey::is_mark)) {
+            Some(lamp_list::of_clusters(self.set, &self.sides, &self.set.visible(id)?.0)?)
+        } else {
+            None
+        };
+        let rows = Rc::new(Rows { rows, closure, lamps, bytes });
         self.held.put(id.0, rows.clone());
         Ok(rows)
     }

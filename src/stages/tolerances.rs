@@ -37,8 +37,11 @@ pub fn min_element_m(store: &Store, version: u64, facts: &ModelFacts) -> Result<
     Ok(options["min_element_m"].as_f64().unwrap_or_else(of_tolerance))
 }
 
+/// Widest that a typical patch is taken to be, m: light changes over a room's height, however long its floor is.
+const WIDEST_M: f64 = 5.0;
+
 /// `--min-element` where none is given, m.
 #[must_use]
 pub fn default_min_element_m(facts: &ModelFacts, tolerance: f64) -> f64 {
-    2.0 * tolerance * facts.mean_patch_area_m2.sqrt()
+    2.0 * tolerance * facts.mean_patch_area_m2.sqrt().min(WIDEST_M)
 }

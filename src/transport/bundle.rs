@@ -168,15 +168,21 @@ impl Bundle {
     /// A side by a number in 0..1, in proportion to area, and what is left of the number.
     #[must_use]
     pub fn draw(&self, x: f64) -> (&Side, f64) {
-        let sides = self.sides();
+        let (index, along) = self.draw_index(x);
+        (&self.sides()[index], along)
+    }
+
+    /// The same by the side's place among [`Self::sides`].
+    #[must_use]
+    pub fn draw_index(&self, x: f64) -> (usize, f64) {
         let mut before = 0.0;
-        for side in sides {
+        for (index, side) in self.sides().iter().enumerate() {
             let share = side.area_m2 / self.area_m2;
             if x < before + share {
-                return (side, ((x - before) / share).clamp(0.0, 1.0));
+                return (index, ((x - before) / share).clamp(0.0, 1.0));
             }
             before += share;
         }
-        (sides.last().expect("a bundle has sides"), 0.5)
+        (self.sides().len() - 1, 0.5)
     }
 }

@@ -4,6 +4,7 @@
 use glam::DVec3;
 
 use super::form_factor;
+use super::lamp_list::is_close;
 use super::link_rows::Link;
 use super::met::element_at;
 use super::refine::DIM;
@@ -52,7 +53,7 @@ pub struct Gathered {
 }
 
 impl Gathered {
-    fn add(&mut self, radiosity: Rgb, seen: Seen) {
+    pub(super) fn add(&mut self, radiosity: Rgb, seen: Seen) {
         self.irradiance += radiosity * seen.form_factor;
         self.row_sum += seen.form_factor;
         if seen.form_factor > 0.0 {
@@ -143,9 +144,9 @@ fn add_source(
 
 /// Form factor of the visible part of a source, and its standard error.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
-    form_factor: f64,
-    error: f64,
+pub(super) struct Seen {
+    pub(super) form_factor: f64,
+    pub(super) error: f64,
 }
 
 /// Part of a source.
@@ -238,6 +239,38 @@ pub struct Survey {
     /// are wide.
     pub is_gap: bool,
     sequence: Sequence,
+}
+
+impl Survey {
+    /// The sides of close lamps that single rays met, and what a ray stands for.
+    pub(super) fn close_lamps(&self, clusters: &dyn Clusters, point: DVec3) -> Result<Vec<(NodeName, f64)>> {
+        let mut close = Vec::new();
+        for (leaf, to) in &self.met {
+            let root = NodeName::root(leaf.name.cluster(), leaf.name.patch_side());
+            let loaded = clusters.cluster(root.cluster())?;
+            let view = loaded.view();
+            let area_m2 = f64::from(view.geometry.patches[usize::from(root.patch_side().patch)].area_m2);
+            if view.emits(root) && is_close(point, *to, area_m2) {
+                close.push((root, 1.0 / SURVEY_RAYS as f64));
+            }
+        }
+        Ok(close)
+    }
+
+    /// The emitting sides among what was met.
+    pub fn emitters(&self, clusters: &dyn Clusters) -> Result<Vec<NodeName>> {
+        let mut met: Vec<NodeName> =
+            self.met.iter().map(|(n, _)| NodeName::root(n.name.cluster(), n.name.patch_side())).collect();
+        met.sort_unstable();
+        met.dedup();
+        let mut emitters = Vec::new();
+        for root in met {
+            if clusters.cluster(root.cluster())?.view().emits(root) {
+                emitters.push(root);
+            }
+        }
+        Ok(emitters)
+    }
 }
 
 /// Rays of a point's own survey.

@@ -5,7 +5,7 @@
 
 use std::collections::HashSet;
 
-use super::bundle::Bundle;
+use super::bundle::{Bundle, SideCache};
 use super::form_factor;
 use super::oracle::{self, Verdict};
 use super::refine::{Context, PARTIAL_VARIATION, Receiver, side_key};
@@ -18,12 +18,13 @@ use crate::model::links::Visibility;
 use crate::rays::node::Node;
 
 /// The largest sector nodes of a cluster all of whose sides emit alike, and emitting sides that have none.
-fn of(context: &Context<'_>, view: &ClusterView<'_>) -> Vec<Bundle> {
+#[must_use]
+pub fn of(sides: &SideCache, view: &ClusterView<'_>) -> Vec<Bundle> {
     let mut lamps = Vec::new();
     let tops = view.geometry.sectors.iter().filter(|s| s.tree_node == 0);
     let mut open: Vec<NodeName> = tops.map(|s| s.node()).collect();
     while let Some(name) = open.pop() {
-        let bundle = Bundle::of(context.sides, view, name);
+        let bundle = Bundle::of(sides, view, name);
         let exitance = |side: &NodeName| view.materials[side.patch_side().index()].exitance;
         let first = exitance(&bundle.sides()[0].node.name);
         if bundle.sides().iter().all(|side| exitance(&side.node.name) == first) {
@@ -56,7 +57,7 @@ impl Receiver<'_> {
             if view.materials.iter().all(|m| m.exitance == [0.0; 3]) {
                 continue;
             }
-            for lamp in of(context, &view) {
+            for lamp in of(context.sides, &view) {
                 for r in sides {
                     self.link_unlinked(context, &view, r, &lamp, linked);
                 }

@@ -5,7 +5,10 @@ pub mod bundle;
 pub mod closure;
 pub mod contour;
 pub mod form_factor;
+pub mod gather_lamps;
 pub mod gather_point;
+pub mod lamp_list;
+pub mod lamp_survey;
 pub mod lamps;
 pub mod link_rows;
 #[cfg(test)]

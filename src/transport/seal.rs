@@ -96,8 +96,7 @@ impl Receiver<'_> {
         // Links of elements that do not follow cuts tell nothing of the parts.
         let above_tells = parent != NONE && !self.surveys;
         let mut is_lit = above_tells && self.is_lit_by_an_emitter(context, parent as usize, known)?;
-        let to_emitters = |link: &&Link| link.form_factor > 0.0 && link.class != Visibility::Surveyed;
-        for link in self.rows[self.position(at)].iter().filter(to_emitters) {
+        for link in self.rows[self.position(at)].iter().filter(|link| link.form_factor > 0.0) {
             if is_lit {
                 break;
             }

@@ -15,12 +15,13 @@ use std::collections::HashSet;
 use glam::DVec3;
 
 use super::bundle::Bundle;
+use super::lamp_survey;
 use super::link_rows::Link;
 use super::met::element_at;
 use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
 use super::sight::{Known, is_smallest, sees_whole, smallest_region};
-use super::survey_row::{Worth, counted_error, pack_quarters, worth};
+use super::survey_row::{Worth, counted_error, mean, pack_quarters, worth};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
 use crate::geom::quadtree;
@@ -32,7 +33,7 @@ use crate::rays::region::Region;
 use crate::rays::traverse::Nearest;
 
 /// Rays of a node, first and at most.
-const RAYS: (u64, u64) = (64, 1024);
+pub(super) const RAYS: (u64, u64) = (64, 1024);
 
 /// Share of the error that a row may carry which noise may make up.
 const NOISE_SHARE: f64 = 0.5;
@@ -42,7 +43,7 @@ const NOISE_SHARE: f64 = 0.5;
 const LARGE: f64 = 8.0;
 
 /// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
-const DARK: f64 = 1e-3;
+pub(super) const DARK: f64 = 1e-3;
 
 /// Share of the smallest element's edge down to which what is close by is resolved.
 const NEAR_FLOOR: f64 = 0.25;
@@ -71,21 +72,30 @@ struct Cast {
 
 /// What is to be done with a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Verdict {
+pub(super) enum Verdict {
     /// Keep a row of so many rays.
     Keep(u64),
     Split,
 }
 
 /// Links with the radiosities of their sources, W/m2.
-type Lit = Vec<(Link, Rgb)>;
+pub(super) type Lit = Vec<(Link, Rgb)>;
 
 impl Receiver<'_> {
     /// Surveys what has not been.
     pub(super) fn survey_all(&mut self, context: &Context<'_>) -> Result<()> {
+        for name in self.tops_without(is_mark) {
+            let r = Bundle::of(context.sides, &self.view, name);
+            self.survey(context, &r, &[])?;
+        }
+        Ok(())
+    }
+
+    /// The sector nodes at the top that hold no row with such a mark.
+    pub(super) fn tops_without(&self, is_mark: impl Fn(&Link) -> bool) -> Vec<NodeName> {
         let mut done = vec![false; self.mesh.sectors.len()];
         for position in 0..self.mesh.node_count() {
-            if self.rows[position].iter().any(|link| link.class == Visibility::Surveyed) {
+            if self.rows[position].iter().any(&is_mark) {
                 let mut at = match position.checked_sub(self.mesh.sectors.len()) {
                     Some(element) => self.mesh.side_sector[self.mesh.elements[element].name.patch_side().index()],
                     None => position as u32,
@@ -95,14 +105,8 @@ impl Receiver<'_> {
                 }
             }
         }
-        for (at, done) in done.into_iter().enumerate() {
-            let sector = self.mesh.sectors[at];
-            if !done && sector.parent == NONE {
-                let r = Bundle::of(context.sides, &self.view, sector.name);
-                self.survey(context, &r, &[])?;
-            }
-        }
-        Ok(())
+        let tops = self.mesh.sectors.iter().zip(done).filter(|(sector, done)| !done && sector.parent == NONE);
+        tops.map(|(sector, _)| sector.name).collect()
     }
 
     /// Surveys a node, or those below it; `whole` are patch sides that it is known to see whole.
@@ -118,15 +122,16 @@ impl Receiver<'_> {
         }
         let mut looked = Lit::new();
         let near = add_counted(context, &pilot, &whole, &mut looked)?;
-        let mut worth = worth(&looked);
-        let unresolved = unresolved(&looked, &near, &worth);
+        let mean = mean(&looked);
+        let mut worth = worth(&looked, mean);
+        let unresolved = unresolved(&looked, &near, mean);
         worth.gradient = worth.gradient.max(worth.irradiance * pilot.uneven_cover());
         // An element that stands for a part of itself is not divided: its quarters would stand for others.
         if region.is_none() && self.can_resolve(context, r, unresolved) {
             return self.survey_below(context, r, &whole);
         }
         let straddles = r.as_element().is_none() && is_partly_dark(&looked, &worth, &pilot, &context.tolerances);
-        match self.verdict(context, r, &worth) {
+        match self.verdict(context, r, &worth, context.tolerances.min_element_m) {
             Verdict::Keep(_) if straddles => self.survey_below(context, r, &whole),
             Verdict::Split => self.survey_below(context, r, &whole),
             Verdict::Keep(rays) => {
@@ -134,7 +139,7 @@ impl Receiver<'_> {
                 let mut row = Lit::new();
                 add_counted(context, &cast, &whole, &mut row)?;
                 self.counts.evaluated += row.len() as u64;
-                self.keep_row(context, r, rays, row, &looked);
+                self.keep_row(context, r, mark(r.name, rays), row, &looked);
                 Ok(())
             }
         }
@@ -158,12 +163,12 @@ impl Receiver<'_> {
         Ok(())
     }
 
-    /// Keeps a row of `rays` rays, and with it, carrying nothing, what the rays met that decided.
-    fn keep_row(&mut self, context: &Context<'_>, r: &Bundle, rays: u64, row: Lit, pilot: &[(Link, Rgb)]) {
+    /// Keeps a row with its mark, and with it, carrying nothing, what the rays met that decided.
+    pub(super) fn keep_row(&mut self, context: &Context<'_>, r: &Bundle, mark: Link, row: Lit, pilot: &[(Link, Rgb)]) {
         let position = self.mesh.position(r.name);
         self.changed[position] = true;
         let is_empty = row.is_empty();
-        self.rows[position].push(mark(r.name, rays));
+        self.rows[position].push(mark);
         self.rows[position].extend(row.into_iter().map(|(link, _)| link));
         self.rows[position].extend(pilot.iter().map(|(link, _)| as_pilot(link)));
         if is_empty {
@@ -175,14 +180,18 @@ impl Receiver<'_> {
     }
 
     fn survey_below(&mut self, context: &Context<'_>, r: &Bundle, whole: &[NodeName]) -> Result<()> {
+        for name in self.divide(r) {
+            self.survey(context, &Bundle::of(context.sides, &self.view, name), whole)?;
+        }
+        Ok(())
+    }
+
+    /// Names of the nodes below, which an element is given.
+    pub(super) fn divide(&mut self, r: &Bundle) -> Vec<NodeName> {
         if r.as_element().is_some() {
             self.split(self.mesh.nearest(r.name));
         }
-        let own = self.view;
-        for name in r.children(&own) {
-            self.survey(context, &Bundle::of(context.sides, &own, name), whole)?;
-        }
-        Ok(())
+        r.children(&self.view)
     }
 
     /// Whether a stored row still holds; one that does not is made anew.
@@ -192,16 +201,18 @@ impl Receiver<'_> {
     pub(super) fn survey_holds(&mut self, context: &Context<'_>, position: usize, row: &[Link]) -> Result<bool> {
         let (mut pilot, mut rays) = (Lit::new(), 0);
         for link in row.iter().filter(|link| link.class == Visibility::Surveyed && link.form_factor == 0.0) {
-            if link.uncertainty >= RAYS.0 as f32 {
+            if is_mark(link) {
                 rays = link.uncertainty as u64;
                 continue;
             }
-            let source = context.clusters.cluster(link.source.cluster())?.view().source(link.source);
-            pilot.push((of_pilot(link), source.radiosity));
+            let loaded = context.clusters.cluster(link.source.cluster())?;
+            if !lamp_survey::is_mark(link) && !loaded.view().emits(link.source) {
+                pilot.push((of_pilot(link), loaded.view().source(link.source).radiosity));
+            }
         }
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
-        if matches!(self.verdict(context, &r, &worth(&pilot)), Verdict::Keep(wanted) if wanted <= rays) {
+        if matches!(self.verdict(context, &r, &worth(&pilot, mean(&pilot)), context.tolerances.min_element_m), Verdict::Keep(wanted) if wanted <= rays) {
             return Ok(true);
         }
         let whole = self.linked_whole(position, row);
@@ -241,19 +252,18 @@ impl Receiver<'_> {
         let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
         let excess = unresolved / context.tolerances.row_w_m2;
         let matters = excess > 1.0 && excess * r.area_m2 > floor_m * floor_m;
-        matters && r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, floor_m))
+        matters && can_divide(r, floor_m)
     }
 
-    fn verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
+    /// Verdict on a node that may be divided down to elements of `smallest_m`.
+    pub(super) fn verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth, smallest_m: f64) -> Verdict {
         let tolerances = &context.tolerances;
         let floor_m2 = tolerances.min_element_m * tolerances.min_element_m;
         let matters = |error: f64| {
             let excess = error / tolerances.row_w_m2;
             excess > 1.0 && excess * r.area_m2 > floor_m2
         };
-        let can_split =
-            r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, tolerances.min_element_m));
-        if can_split && matters(worth.gradient) {
+        if can_divide(r, smallest_m) && matters(worth.gradient) {
             return Verdict::Split;
         }
         let noise = worth.noise / NOISE_SHARE * (r.area_m2 / (LARGE * LARGE * floor_m2)).sqrt().max(1.0);
@@ -314,8 +324,8 @@ impl Receiver<'_> {
 
 /// Rays that decide what is done tell nothing of the light: kept where few bright places were met and cast anew
 /// where many were, they would make all rows too dark.
-const PILOT: u64 = 0x7069_6c6f_7400_0000;
-const FINAL: u64 = 0x7375_7276_6579_0000;
+pub(super) const PILOT: u64 = 0x7069_6c6f_7400_0000;
+pub(super) const FINAL: u64 = 0x7375_7276_6579_0000;
 
 impl Cast {
     fn rays(&self) -> u64 {
@@ -330,10 +340,20 @@ impl Cast {
     }
 }
 
+/// Whether a node may be divided into elements no smaller than `smallest_m`.
+pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
+    r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, smallest_m))
+}
+
 /// A link that carries nothing: tells that a node has been surveyed, and by how many rays.
 fn mark(name: NodeName, rays: u64) -> Link {
     let (spread, class) = (pack_quarters([1.0; 4]), Visibility::Surveyed);
     Link { source: name, form_factor: 0.0, spread, uncertainty: rays as f32, class }
+}
+
+/// Whether a link is such a mark: others have an uncertainty below 1, and that of a survey of lamps has no quarters.
+pub(super) fn is_mark(link: &Link) -> bool {
+    link.class == Visibility::Surveyed && link.uncertainty >= RAYS.0 as f32 && !lamp_survey::is_mark(link)
 }
 
 /// A link of the rays that decide, as it is stored: it carries nothing.
@@ -366,9 +386,9 @@ fn is_partly_dark(row: &Lit, worth: &Worth, cast: &Cast, tolerances: &Tolerances
 
 /// What a receiver's mean hides: parts of it that something close by shades from what the others see, W/m2. They
 /// may be spread evenly over its quarters.
-fn unresolved(row: &[(Link, Rgb)], near: &[f64], worth: &Worth) -> f64 {
+fn unresolved(row: &[(Link, Rgb)], near: &[f64], mean: Rgb) -> f64 {
     let all: f64 = near.iter().sum();
-    let differs = |(near, (_, radiosity)): (&f64, &(Link, Rgb))| near * (*radiosity - worth.mean).norm_squared().sqrt();
+    let differs = |(near, (_, radiosity)): (&f64, &(Link, Rgb))| near * (*radiosity - mean).norm_squared().sqrt();
     near.iter().zip(row).map(differs).sum::<f64>() * (1.0 - all).max(0.0)
 }
 

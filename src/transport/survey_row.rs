@@ -25,8 +25,6 @@ pub fn quarters(packed: f32) -> [f64; 4] {
 pub struct Worth {
     /// Mean irradiance.
     pub irradiance: f64,
-    /// Mean radiosity of what is seen.
-    pub mean: Rgb,
     /// Standard error of it.
     pub noise: f64,
     /// Largest difference of a quarter from the mean that noise does not explain.
@@ -36,15 +34,10 @@ pub struct Worth {
 /// Returns what is off in a row of surveyed links, each with its source's radiosity, W/m2.
 ///
 /// A closed row sums to 1, so an error in one form factor is made up by all others: what counts is how
-/// much a source differs from the mean of what is seen.
+/// much a source differs from the `mean` of all that is seen.
 #[must_use]
-pub fn worth(row: &[(Link, Rgb)]) -> Worth {
-    let sum: f64 = row.iter().map(|(link, _)| f64::from(link.form_factor)).sum();
-    if sum <= 0.0 {
-        return Worth::default();
-    }
+pub fn worth(row: &[(Link, Rgb)], mean: Rgb) -> Worth {
     let light = row.iter().fold(Rgb::BLACK, |light, (link, b)| light + *b * f64::from(link.form_factor));
-    let mean = light * (1.0 / sum);
     let mut variance = 0.0;
     let mut quarter = [Rgb::BLACK; 4];
     for (link, radiosity) in row {
@@ -58,7 +51,15 @@ pub fn worth(row: &[(Link, Rgb)]) -> Worth {
     let noise = variance.sqrt();
     let largest = quarter.iter().map(|q| q.norm_squared().sqrt()).fold(0.0, f64::max);
     // A quarter has a quarter of the rays.
-    Worth { irradiance: light.norm_squared().sqrt(), mean, noise, gradient: (largest - 2.0 * noise).max(0.0) }
+    Worth { irradiance: light.norm_squared().sqrt(), noise, gradient: (largest - 2.0 * noise).max(0.0) }
+}
+
+/// Mean radiosity of the sources of a row, W/m2.
+#[must_use]
+pub fn mean(row: &[(Link, Rgb)]) -> Rgb {
+    let sum: f64 = row.iter().map(|(link, _)| f64::from(link.form_factor)).sum();
+    let light = row.iter().fold(Rgb::BLACK, |light, (link, b)| light + *b * f64::from(link.form_factor));
+    if sum > 0.0 { light * (1.0 / sum) } else { Rgb::BLACK }
 }
 
 /// Standard error of a share of `rays` rays: one of all may as well have been none or two.

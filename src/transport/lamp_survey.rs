@@ -1,0 +1,389 @@
+//! Surveys of lamps: where many are in sight, all that a node gets from them, measured by rays from the node that
+//! are drawn by what each lamp would bring if nothing stood in between.
+//!
+//! A link to each lamp would cost rays for each, and shadows of each would be told apart: a row of all of them costs
+//! the same for ten lamps and for a thousand, and where hundreds are in sight the shadow of one is nothing. What
+//! holds for surveys holds here: the rays that decide do not count, and are kept beside those that do.
+
+use std::rc::Rc;
+
+use glam::DVec3;
+
+use super::bundle::Bundle;
+use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close, of_clusters, target};
+use super::link_rows::Link;
+use super::refine::{Context, Receiver};
+use super::sight::smallest_region;
+use super::survey::{DARK, FINAL, Lit, PILOT, RAYS, Verdict};
+use super::survey_row::{Worth, pack_quarters, worth};
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree;
+use crate::geom::sequence::{Sequence, cosine_direction, mix};
+use crate::model::links::Visibility;
+use crate::rays::node::Node;
+use crate::rays::region::Region;
+use crate::rays::traverse::Nearest;
+
+/// Lamps in sight up to which each is linked for itself.
+const FEW_LAMPS: usize = 32;
+
+/// Share of the smallest element's edge down to which elements near lamps are divided.
+const BRIGHT_FLOOR: f64 = 0.5;
+
+/// Keeps these rays apart from others of the same node.
+const SALT: u64 = 0x6c61_6d70_7300_0000;
+
+/// What rays to lamps found.
+struct Found {
+    row: Lit,
+    /// Standard error of what arrives, relative to it.
+    error: f64,
+    /// What would arrive if nothing stood in between, W/m2, and the share of it that does.
+    unoccluded_w_m2: f64,
+    visible: f64,
+    /// Standard error that as many rays as are cast at most would leave if nothing stood in between, relative.
+    unevenness: f64,
+}
+
+/// One ray that arrived.
+struct Arrival {
+    lamp: NodeName,
+    quarter: usize,
+    form_factor: f64,
+}
+
+impl Receiver<'_> {
+    /// Surveys the lamps of what is in sight, where that has not been done; `false` if they are few.
+    pub(super) fn survey_lamps(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
+        let all = of_clusters(context.clusters, context.sides, visible)?;
+        if all.count <= std::env::var("FEWL").map_or(FEW_LAMPS, |x| x.parse().unwrap()) {
+            return Ok(false);
+        }
+        let mut lamps = lamps_of(context, &all);
+        for name in self.tops_without(is_mark) {
+            let r = Bundle::of(context.sides, &self.view, name);
+            self.survey_lamps_of(context, &r, &mut lamps)?;
+        }
+        Ok(true)
+    }
+
+    fn survey_lamps_of(&mut self, context: &Context<'_>, r: &Bundle, lamps: &mut Lamps<'_>) -> Result<()> {
+        if context.progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+        let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
+        let pilot = self.draw(context, r, region.as_ref(), lamps, RAYS.0, PILOT)?;
+        let worth = worth(&pilot.row, self.irradiance_of(r.name));
+        // Near a lamp what would arrive changes so much from place to place that no number of rays tells the mean.
+        let smallest_m = smallest_m(context, r);
+        let uneven = Worth { gradient: worth.irradiance * pilot.unevenness, ..worth };
+        let verdict = match self.lamp_verdict(context, r, &worth) {
+            Verdict::Keep(_) if self.verdict(context, r, &uneven, smallest_m) == Verdict::Split => Verdict::Split,
+            verdict => verdict,
+        };
+        let may_come = pilot.unoccluded_w_m2 > DARK * context.tolerances.row_w_m2;
+        let straddles = r.as_element().is_none() && pilot.visible < 0.5 && may_come;
+        match verdict {
+            Verdict::Keep(rays) if !straddles => {
+                let counted = self.draw(context, r, region.as_ref(), lamps, rays, FINAL)?;
+                self.counts.evaluated += counted.row.len() as u64;
+                self.keep_row(context, r, mark(r.name, rays, pilot.error), counted.row, &pilot.row);
+            }
+            _ => {
+                for name in self.divide(r) {
+                    let below = Bundle::of(context.sides, &self.view, name);
+                    self.survey_lamps_of(context, &below, lamps)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// As for other surveys, where much light is with smaller elements; but sides below a sector node face different
+    /// ways, which no number of rays mends.
+    fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
+        match self.verdict(context, r, worth, smallest_m(context, r)) {
+            Verdict::Keep(rays) if rays > RAYS.0 && r.as_element().is_none() => Verdict::Split,
+            verdict => verdict,
+        }
+    }
+
+    /// Whether a stored row still holds; one that does not is made anew.
+    pub(super) fn lamp_survey_holds(
+        &mut self,
+        context: &Context<'_>,
+        visible: &[ClusterId],
+        position: usize,
+        row: &[Link],
+    ) -> Result<bool> {
+        let (mut pilot, mut rays, mut error) = (Lit::new(), 0, 0.0);
+        for link in row.iter().filter(|link| link.form_factor == 0.0) {
+            if is_mark(link) {
+                (rays, error) = (link.uncertainty as u64, f64::from(link.spread));
+                continue;
+            }
+            let loaded = context.clusters.cluster(link.source.cluster())?;
+            if link.class == Visibility::Surveyed && loaded.view().emits(link.source) {
+                let radiosity = loaded.view().source(link.source).radiosity;
+                pilot.push((Link { form_factor: link.uncertainty, ..*link }, radiosity));
+            }
+        }
+        set_errors(&mut pilot, error);
+        let own = self.view;
+        let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
+        let worth = worth(&pilot, self.irradiance_of(r.name));
+        if matches!(self.lamp_verdict(context, &r, &worth), Verdict::Keep(wanted) if wanted <= rays) {
+            return Ok(true);
+        }
+        let all = of_clusters(context.clusters, context.sides, visible)?;
+        self.survey_lamps_of(context, &r, &mut lamps_of(context, &all))?;
+        Ok(false)
+    }
+
+    /// What arrives at a node now, W/m2.
+    fn irradiance_of(&self, name: NodeName) -> Rgb {
+        if name.is_sector() {
+            let found = self.view.light.sectors.binary_search_by_key(&name.0, |s| s.name);
+            return found.map_or(Rgb::BLACK, |at| Rgb::from_f32(self.view.light.sectors[at].irradiance));
+        }
+        self.mesh.elements[self.mesh.nearest(name)].irradiance
+    }
+
+    /// Casts `target` rays from a node to lamps.
+    fn draw(
+        &mut self,
+        context: &Context<'_>,
+        r: &Bundle,
+        region: Option<&Region>,
+        lamps: &mut Lamps<'_>,
+        count: u64,
+        salt: u64,
+    ) -> Result<Found> {
+        let scene = context.cuts.scene();
+        let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt ^ SALT);
+        let mut starts = Starts::new(r);
+        let mut tally = Tally::default();
+        let mut arrivals = Vec::new();
+        for index in 0..4 * count {
+            if tally.rays() == count {
+                break;
+            }
+            let [a, b, c, d] = sequence.point(index);
+            let quarter = (index % 4) as usize;
+            let (start, from) = starts.draw(quarter, a, b);
+            if region.is_some_and(|region| !region.holds(scene, from)) {
+                continue;
+            }
+            let Some(aim) = start.aim(lamps, from) else {
+                tally.add(quarter, 0.0, 0.0);
+                continue;
+            };
+            let (mut arrives, mut expected) = (0.0, 0.0);
+            let mut arrive = |arrives: &mut f64, lamp: NodeName, form_factor: f64, exitance: f64| {
+                *arrives += form_factor * exitance;
+                arrivals.push(Arrival { lamp, quarter, form_factor });
+            };
+            let normal = start.node.normal;
+            if let Some(drawn) = lamps.draw(&aim, from, normal, c)?
+                && let Some(target) = target(&drawn.bundle, from, normal, [drawn.rest, d])
+            {
+                let (form_factor, exitance) = (target.form_factor / drawn.share, drawn.lamp.exitance());
+                self.counts.rays += 1;
+                expected += form_factor * exitance;
+                if !scene.blocked(from, target.to, &start.node.end, &target.on.end, &None) {
+                    arrive(&mut arrives, drawn.lamp.name, form_factor, exitance);
+                }
+            }
+            if aim.may_be_close {
+                self.counts.rays += 1;
+                if let Some((lamp, exitance)) = close_lamp(context, &start.node, from, cosine_direction(normal, c, d))? {
+                    expected += exitance;
+                    arrive(&mut arrives, lamp, 1.0, exitance);
+                }
+            }
+            tally.add(quarter, arrives, expected);
+        }
+        let row = to_links(context, arrivals, &tally)?;
+        let unoccluded_w_m2 = tally.mean_expected_w_m2();
+        let mut found = Found {
+            row,
+            error: relative_error(&tally.arrives),
+            unoccluded_w_m2,
+            visible: tally.visible_share(),
+            unevenness: relative_error(&tally.expected) * (count as f64 / RAYS.1 as f64).sqrt(),
+        };
+        set_errors(&mut found.row, found.error);
+        Ok(found)
+    }
+}
+
+/// The side of a close lamp that a ray meets, and its exitance, W/m2 (norm over RGB).
+fn close_lamp(context: &Context<'_>, r: &Node, from: DVec3, along: DVec3) -> Result<Option<(NodeName, f64)>> {
+    let Nearest::Met(hit) = context.cuts.scene().nearest(from, along, Some(&r.end)) else { return Ok(None) };
+    let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+    let name = NodeName::root(ClusterId(hit.key.cluster), at);
+    let loaded = context.clusters.cluster(name.cluster())?;
+    let view = loaded.view();
+    let is_lamp = view.takes_part(at.index()) && view.emits(name);
+    if !is_lamp || !is_close(from, from + along * hit.t, f64::from(view.geometry.patches[usize::from(at.patch)].area_m2)) {
+        return Ok(None);
+    }
+    Ok(Some((name, Rgb::from_f32(view.materials[at.index()].exitance).norm_squared().sqrt())))
+}
+
+/// Links of what arrived, their errors not known yet.
+fn to_links(context: &Context<'_>, mut arrivals: Vec<Arrival>, tally: &Tally) -> Result<Lit> {
+    arrivals.sort_by_key(|a| (a.lamp, a.quarter));
+    let rays = tally.rays() as f64;
+    let mut row = Lit::new();
+    for run in arrivals.chunk_by(|a, b| a.lamp == b.lamp) {
+        let source = run[0].lamp;
+        let share = run.iter().map(|a| a.form_factor).sum::<f64>() / rays;
+        let relative = std::array::from_fn(|q| {
+            let here: f64 = run.iter().filter(|a| a.quarter == q).map(|a| a.form_factor).sum();
+            here / tally.arrives[q].rays.max(1) as f64 / share
+        });
+        let (form_factor, spread) = (share.min(1.0) as f32, pack_quarters(relative));
+        let link = Link { source, form_factor, spread, uncertainty: 0.0, class: Visibility::Surveyed };
+        row.push((link, context.clusters.cluster(source.cluster())?.view().source(source).radiosity));
+    }
+    Ok(row)
+}
+
+/// Shares the error of all that arrives among links, as if each erred for itself.
+fn set_errors(row: &mut Lit, error: f64) {
+    let sum: f64 = row.iter().map(|(link, _)| f64::from(link.form_factor)).sum();
+    for (link, _) in row {
+        link.uncertainty = (error * (f64::from(link.form_factor) * sum).sqrt()) as f32;
+    }
+}
+
+/// Down to which size a node may be divided for its lamps.
+fn smallest_m(context: &Context<'_>, r: &Bundle) -> f64 {
+    let floor_m = context.tolerances.min_element_m;
+    // An element that stands for a part of itself is not divided: its quarters would stand for others.
+    let is_part = r.as_element().is_some_and(|n| smallest_region(context.cuts, n).is_some());
+    if is_part { floor_m } else { BRIGHT_FLOOR * floor_m }
+}
+
+fn lamps_of<'a>(context: &'a Context<'a>, all: &'a LampTree) -> Lamps<'a> {
+    Lamps::new(context.clusters, context.sides, all)
+}
+
+/// A link that carries nothing: tells that the lamps have been surveyed, by how many rays, and how far off, relative
+/// to what arrives, those are that decided.
+fn mark(name: NodeName, rays: u64, error: f64) -> Link {
+    let spread = error.min(1.0) as f32;
+    Link { source: name, form_factor: 0.0, spread, uncertainty: rays as f32, class: Visibility::Surveyed }
+}
+
+/// Whether a link is such a mark: those of other surveys have quarters in `spread`, which come to more than 1.
+#[must_use]
+pub fn is_mark(link: &Link) -> bool {
+    link.class == Visibility::Surveyed
+        && link.form_factor == 0.0
+        && link.uncertainty >= RAYS.0 as f32
+        && link.spread <= 1.0
+}
+
+/// Part of a receiver that rays begin at: a quarter of an element, a side below a sector node.
+struct Start {
+    shape: Polygon,
+    node: Node,
+    /// Where its rays go, once that was asked: `None` where no lamp can be seen.
+    aim: Option<Option<Rc<Aim>>>,
+}
+
+impl Start {
+    fn aim(&mut self, lamps: &Lamps<'_>, from: DVec3) -> Option<Rc<Aim>> {
+        let all_over = || lamps.aim(&Place::polygon(&self.shape, self.node.normal)).map(Rc::new);
+        let aim = self.aim.get_or_insert_with(all_over).clone()?;
+        if aim.holds_all_over {
+            return Some(aim);
+        }
+        lamps.aim(&Place::point(from, self.node.normal)).map(Rc::new)
+    }
+}
+
+/// All parts of a receiver.
+struct Starts<'a> {
+    of: &'a Bundle,
+    all: Vec<Start>,
+}
+
+impl<'a> Starts<'a> {
+    fn new(of: &'a Bundle) -> Self {
+        let start = |node: &Node, shape| Start { shape, node: *node, aim: None };
+        let all = match of.as_element() {
+            Some(node) => (0..4).map(|q| start(node, quadtree::child(&node.shape, q))).collect(),
+            None => of.sides().iter().map(|side| start(&side.node, side.node.shape)).collect(),
+        };
+        Self { of, all }
+    }
+
+    /// A place by two numbers in 0..1, and the part that it lies in.
+    fn draw(&mut self, quarter: usize, a: f64, b: f64) -> (&mut Start, DVec3) {
+        if self.of.as_element().is_some() {
+            let from = self.all[quarter].shape.point(a, b);
+            return (&mut self.all[quarter], from);
+        }
+        let (index, along) = self.of.draw_index((quarter as f64 + a) / 4.0);
+        let from = self.all[index].shape.point(along, b);
+        (&mut self.all[index], from)
+    }
+}
+
+/// What rays of a quarter brought, W/m2.
+#[derive(Clone, Copy, Default)]
+struct Quarter {
+    rays: u64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Quarter {
+    fn add(&mut self, light: f64) {
+        self.rays += 1;
+        self.sum += light;
+        self.squares += light * light;
+    }
+}
+
+/// What all rays brought, and would have if nothing stood in between.
+#[derive(Default)]
+struct Tally {
+    arrives: [Quarter; 4],
+    expected: [Quarter; 4],
+}
+
+impl Tally {
+    fn add(&mut self, quarter: usize, arrives: f64, expected: f64) {
+        self.arrives[quarter].add(arrives);
+        self.expected[quarter].add(expected);
+    }
+
+    fn rays(&self) -> u64 {
+        self.arrives.iter().map(|q| q.rays).sum()
+    }
+
+    fn mean_expected_w_m2(&self) -> f64 {
+        sum(&self.expected) / self.rays().max(1) as f64
+    }
+
+    fn visible_share(&self) -> f64 {
+        let expected = sum(&self.expected);
+        if expected > 0.0 { sum(&self.arrives) / expected } else { 1.0 }
+    }
+}
+
+fn sum(quarters: &[Quarter; 4]) -> f64 {
+    quarters.iter().map(|q| q.sum).sum()
+}
+
+/// Standard error of the sum, relative to it.
+fn relative_error(quarters: &[Quarter; 4]) -> f64 {
+    let variance = |q: &Quarter| (q.squares - q.sum * q.sum / (q.rays.max(1) as f64)).max(0.0);
+    let sum = sum(quarters);
+    if sum > 0.0 { quarters.iter().map(variance).sum::<f64>().sqrt() / sum } else { 0.0 }
+}

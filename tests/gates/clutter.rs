@@ -1,0 +1,108 @@
+//! Gates: a room with so much in it that what is in sight is surveyed, and lamps too where they are many.
+
+use std::fmt::Write;
+
+use glam::DVec3;
+
+use super::solved::{Leaf, Solved, Wrong, grey, irradiance, radiosity, solve_file};
+use super::{BALANCE_STANDARD, compare_mean_value};
+
+const ROOM: DVec3 = DVec3::new(6.0, 4.0, 3.0);
+
+/// Stands on the floor and is closed, with a box in it.
+const CUPBOARD: (DVec3, DVec3) = (DVec3::new(4.03, 2.57, 0.0), DVec3::new(5.21, 3.44, 2.0));
+
+/// A box as an object; `inwards` shows its fronts to the inside, a floor is left out where it stands on one.
+fn write_box(obj: &mut String, name: &str, (low, high): (DVec3, DVec3), inwards: bool) {
+    writeln!(obj, "o {name}\nusemtl {name}").unwrap();
+    for i in 0..8u32 {
+        let pick = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
+        let corner = low + (high - low) * pick;
+        writeln!(obj, "v {} {} {}", corner.x, corner.y, corner.z).unwrap();
+    }
+    let faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+    for mut face in faces.into_iter().skip(usize::from(!inwards && low.z == 0.0)) {
+        if !inwards {
+            face.reverse();
+        }
+        let [a, b, c, d] = face.map(|corner: i32| corner - 8);
+        writeln!(obj, "f {a} {b} {c} {d}").unwrap();
+    }
+}
+
+/// A hundred boxes in three layers and a closed cupboard under `lamps` lamps, each an object of its own.
+fn cluttered_room(lamps: u32) -> String {
+    let mut obj = String::new();
+    write_box(&mut obj, "wall", (DVec3::ZERO, ROOM), true);
+    write_box(&mut obj, "cupboard", CUPBOARD, false);
+    let inside = DVec3::new(4.4, 2.8, 0.6);
+    write_box(&mut obj, "box", (inside, inside + 0.4), false);
+    for i in 0..100u32 {
+        let cell = DVec3::new(f64::from(i % 7), f64::from(i / 7 % 5), f64::from(i / 35));
+        let size = DVec3::new(0.2, 0.25, 0.1) * (1.0 + 0.13 * f64::from(i * 7 % 11));
+        let low = DVec3::new(0.25, 0.25, 0.2) + cell * DVec3::new(0.52, 0.72, 0.7);
+        write_box(&mut obj, "box", (low, low + size), false);
+    }
+    for i in 0..lamps {
+        let low = DVec3::new(0.3 + 0.7 * f64::from(i % 8), 0.35 + 0.68 * f64::from(i / 8), 2.4);
+        write_box(&mut obj, "lamp", (low, low + DVec3::new(0.3, 0.3, 0.05)), false);
+    }
+    obj
+}
+
+fn solve_room(lamps: u32, materials: &str) -> Solved {
+    let dir = tempfile::tempdir().unwrap();
+    let model = dir.path().join(format!("{lamps} lamps.obj"));
+    std::fs::write(&model, cluttered_room(lamps)).unwrap();
+    solve_file(&model, Some(materials), &["--quality", "draft"])
+}
+
+/// Whether a leaf's side looks into the cupboard.
+fn is_in_the_cupboard(leaf: &Leaf) -> bool {
+    let before = DVec3::from_array(leaf.centre) + 1e-4 * DVec3::from_array(leaf.normal);
+    before.cmpgt(CUPBOARD.0).all() && before.cmplt(CUPBOARD.1).all()
+}
+
+/// `draft` for the time it takes; its tolerance is 2.5 times that of `standard`, the balance here twice.
+fn expect_right(lamps: u32) {
+    let solved = solve_room(lamps, &grey(0.5, &[("lamp", 1.0)]));
+    let closed: Vec<Leaf> = solved.leaves().into_iter().filter(is_in_the_cupboard).collect();
+    assert!(closed.len() > 50, "{} leaves in the cupboard", closed.len());
+    let brightest = closed.iter().map(irradiance).fold(0.0, f64::max);
+    assert_eq!(brightest, 0.0, "{lamps} lamps: light in the closed cupboard");
+    let balance = solved.summary["energy_balance"].as_f64().unwrap();
+    assert!(balance <= 2.0 * BALANCE_STANDARD, "{lamps} lamps: energy balance {balance}");
+    compare_mean_value(&solved, 0.5, 2.0 * BALANCE_STANDARD);
+}
+
+#[test]
+fn a_cluttered_room_keeps_its_light_and_its_cupboard_dark() {
+    expect_right(1);
+}
+
+#[test]
+fn a_cluttered_room_under_many_lamps_keeps_its_light_and_its_cupboard_dark() {
+    expect_right(40);
+}
+
+/// Where all emits alike, what arrives is the same at any point, whatever is in sight.
+#[test]
+fn what_arrives_in_a_cluttered_furnace_is_the_same_everywhere() {
+    let emitters = ["wall", "box", "lamp", "cupboard"].map(|name| (name, 1.0));
+    let solved = solve_room(1, &grey(0.5, &emitters));
+    let (expected, mut wrong) = (1.0 / (1.0 - 0.5), Wrong::default());
+    let mut points = String::from("x,y,z,nx,ny,nz\n");
+    for i in 0..10 {
+        let along = 0.5 * f64::from(i) + 0.17;
+        writeln!(points, "{along},0.11,0,0,0,1\n{along},4,1.3,0,-1,0\n0,{},2.1,1,0,0", 0.4 * along + 0.2).unwrap();
+    }
+    for (i, got) in solved.irradiance_at(&points).into_iter().enumerate() {
+        wrong.relative(&format!("point {i}"), got, expected, 0.01);
+    }
+    let leaves = solved.leaves();
+    for object in 2..=50u32 {
+        let fronts = leaves.iter().filter(|l| l.name[0] == object && l.name[2] == 0 && !is_in_the_cupboard(l));
+        wrong.relative(&format!("box {object}"), super::mean(fronts, radiosity), expected, 0.02);
+    }
+    wrong.assert_none();
+}
