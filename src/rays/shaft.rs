@@ -264,6 +264,20 @@ impl<'a> RayScene<'a> {
             }
             return found.contents();
         }
+        let is_cut = self.any_in_shaft(&shaft, |blocker| found.add(&shaft, blocker));
+        if is_cut { Contents::Wall } else { found.contents() }
+    }
+
+    /// Whether nothing lies between two polygons, the patches they lie on left out: [`Self::shaft`], but ends at
+    /// the first that does.
+    #[must_use]
+    pub fn is_free(&self, a: ShaftEnd<'_>, b: ShaftEnd<'_>) -> bool {
+        let shaft = Shaft::new(a, b, self.snap_m);
+        !self.any_in_shaft(&shaft, |(cluster, patch)| shaft.holds(cluster, patch) != Part::Outside)
+    }
+
+    /// Whether `test` holds for any patch whose leaf's box meets a shaft.
+    fn any_in_shaft(&self, shaft: &Shaft<'_>, mut test: impl FnMut(Blocker<'a>) -> bool) -> bool {
         let (mut top, mut stack) = (vec![0u32], Vec::with_capacity(32));
         while let Some(at) = top.pop() {
             let node = &self.top.nodes[at as usize];
@@ -276,6 +290,7 @@ impl<'a> RayScene<'a> {
             }
             for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
                 let rays = self.cluster(reference);
+                stack.clear();
                 stack.push(0u32);
                 while let Some(at) = stack.pop() {
                     let node = &rays.nodes[at as usize];
@@ -286,14 +301,13 @@ impl<'a> RayScene<'a> {
                         stack.extend([node.first, node.first + 1]);
                         continue;
                     }
-                    for patch in &rays.patches[node.first as usize..(node.first + node.count) as usize] {
-                        if found.add(&shaft, (reference.cluster, patch)) {
-                            return Contents::Wall;
-                        }
+                    let patches = &rays.patches[node.first as usize..(node.first + node.count) as usize];
+                    if patches.iter().any(|patch| test((reference.cluster, patch))) {
+                        return true;
                     }
                 }
             }
         }
-        found.contents()
+        false
     }
 }

@@ -14,7 +14,7 @@ use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close, of_clusters, targe
 use super::link_rows::Link;
 use super::refine::{Context, Receiver};
 use super::sight::smallest_region;
-use super::survey::{DARK, FINAL, Lit, PILOT, RAYS, Verdict};
+use super::survey::{DARK, FINAL, LARGE, Lit, PILOT, RAYS, Verdict, can_divide};
 use super::survey_row::{Worth, pack_quarters, worth};
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
 use crate::geom::polygon::Polygon;
@@ -30,6 +30,9 @@ const FEW_LAMPS: usize = 32;
 
 /// Share of the smallest element's edge down to which elements near lamps are divided.
 const BRIGHT_FLOOR: f64 = 0.5;
+
+/// Rays that would be enough for an element beyond which it is divided instead.
+const MOST_WANTED: u64 = 16 * RAYS.1;
 
 /// Keeps these rays apart from others of the same node.
 const SALT: u64 = 0x6c61_6d70_7300_0000;
@@ -86,6 +89,7 @@ impl Receiver<'_> {
         let straddles = r.as_element().is_none() && pilot.visible < 0.5 && may_come;
         match verdict {
             Verdict::Keep(rays) if !straddles => {
+                let rays = rays.min(RAYS.1);
                 let counted = self.draw(context, r, region.as_ref(), lamps, rays, FINAL)?;
                 self.counts.evaluated += counted.row.len() as u64;
                 self.keep_row(context, r, mark(r.name, rays, pilot.error), counted.row, &pilot.row);
@@ -100,11 +104,19 @@ impl Receiver<'_> {
         Ok(())
     }
 
-    /// As for other surveys, where much light is with smaller elements; but sides below a sector node face different
-    /// ways, which no number of rays mends.
+    /// As for other surveys, where much light is with smaller elements. But sides below a sector node face different
+    /// ways, which no number of rays mends; and noise that rays do not get rid of hides that few places see a lamp,
+    /// whose light would be spread over all.
     fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
-        match self.verdict(context, r, worth, smallest_m(context, r)) {
-            Verdict::Keep(rays) if rays > RAYS.0 && r.as_element().is_none() => Verdict::Split,
+        let large_m = LARGE * context.tolerances.min_element_m;
+        let most = match r.as_element() {
+            None => RAYS.0,
+            Some(_) if r.area_m2 > large_m * large_m => RAYS.1 / 2,
+            Some(_) => MOST_WANTED,
+        };
+        let smallest_m = smallest_m(context, r);
+        match self.verdict(context, r, worth, smallest_m) {
+            Verdict::Keep(rays) if rays > most && can_divide(r, smallest_m) => Verdict::Split,
             verdict => verdict,
         }
     }
@@ -133,7 +145,7 @@ impl Receiver<'_> {
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
         let worth = worth(&pilot, self.irradiance_of(r.name));
-        if matches!(self.lamp_verdict(context, &r, &worth), Verdict::Keep(wanted) if wanted <= rays) {
+        if matches!(self.lamp_verdict(context, &r, &worth), Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
             return Ok(true);
         }
         let all = of_clusters(context.clusters, context.sides, visible)?;
@@ -197,7 +209,8 @@ impl Receiver<'_> {
             }
             if aim.may_be_close {
                 self.counts.rays += 1;
-                if let Some((lamp, exitance)) = close_lamp(context, &start.node, from, cosine_direction(normal, c, d))? {
+                if let Some((lamp, exitance)) = close_lamp(context, &start.node, from, cosine_direction(normal, c, d))?
+                {
                     expected += exitance;
                     arrive(&mut arrives, lamp, 1.0, exitance);
                 }
@@ -226,7 +239,9 @@ fn close_lamp(context: &Context<'_>, r: &Node, from: DVec3, along: DVec3) -> Res
     let loaded = context.clusters.cluster(name.cluster())?;
     let view = loaded.view();
     let is_lamp = view.takes_part(at.index()) && view.emits(name);
-    if !is_lamp || !is_close(from, from + along * hit.t, f64::from(view.geometry.patches[usize::from(at.patch)].area_m2)) {
+    if !is_lamp
+        || !is_close(from, from + along * hit.t, f64::from(view.geometry.patches[usize::from(at.patch)].area_m2))
+    {
         return Ok(None);
     }
     Ok(Some((name, Rgb::from_f32(view.materials[at.index()].exitance).norm_squared().sqrt())))

@@ -257,8 +257,8 @@ impl<'a> Receiver<'a> {
             }
             let row = std::mem::take(&mut self.rows[position]);
             let survey_stays = row.iter().any(survey::is_mark) && self.survey_holds(context, position, &row)?;
-            let lamps_stay = row.iter().any(lamp_survey::is_mark)
-                && self.lamp_survey_holds(context, visible, position, &row)?;
+            let lamps_stay =
+                row.iter().any(lamp_survey::is_mark) && self.lamp_survey_holds(context, visible, position, &row)?;
             let mut kept = Vec::with_capacity(row.len());
             for link in row {
                 let stays = match link.class {

@@ -159,10 +159,7 @@ pub fn look<'a>(
 
 /// What lies between those parts of two elements that face each other; `None` if none do.
 fn contents<'a>(cuts: &Cuts<'a>, r: &Node, s: &Node, known: &Blockers<'a>) -> Option<Contents<'a>> {
-    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
-    if seen.corners().len() < 3 || seeing.corners().len() < 3 {
-        return None;
-    }
+    let (seen, seeing) = parts_that_face(r, s)?;
     let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
     Some(cuts.scene().shaft(ends[0], ends[1], known))
 }
@@ -170,7 +167,16 @@ fn contents<'a>(cuts: &Cuts<'a>, r: &Node, s: &Node, known: &Blockers<'a>) -> Op
 /// Whether nothing lies between two elements: `false` where that is not proved.
 #[must_use]
 pub fn sees_whole(cuts: &Cuts<'_>, r: &Node, s: &Node) -> bool {
-    matches!(contents(cuts, r, s, &None), Some(Contents::Nothing))
+    parts_that_face(r, s).is_some_and(|(seen, seeing)| {
+        let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
+        cuts.scene().is_free(ends[0], ends[1])
+    })
+}
+
+/// The parts of `s` and of `r` that face each other.
+fn parts_that_face(r: &Node, s: &Node) -> Option<(Polygon, Polygon)> {
+    let (seen, seeing) = (s.in_front_of(r), r.in_front_of(s));
+    (seen.corners().len() >= 3 && seeing.corners().len() >= 3).then_some((seen, seeing))
 }
 
 /// The sight that decides what to do with a link; where the link is kept, as many other rays tell what counts.

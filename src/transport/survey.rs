@@ -40,7 +40,7 @@ const NOISE_SHARE: f64 = 0.5;
 
 /// Edge, in smallest elements, of a node beyond which noise must fall as area grows: else few large nodes, seeing
 /// little, would carry most of the error of all power.
-const LARGE: f64 = 8.0;
+pub(super) const LARGE: f64 = 8.0;
 
 /// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
 pub(super) const DARK: f64 = 1e-3;
@@ -73,7 +73,7 @@ struct Cast {
 /// What is to be done with a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// Keep a row of so many rays.
+    /// Keep a row; so many rays would be enough.
     Keep(u64),
     Split,
 }
@@ -135,6 +135,7 @@ impl Receiver<'_> {
             Verdict::Keep(_) if straddles => self.survey_below(context, r, &whole),
             Verdict::Split => self.survey_below(context, r, &whole),
             Verdict::Keep(rays) => {
+                let rays = rays.min(RAYS.1);
                 let cast = self.cast(context, r, region.as_ref(), rays, FINAL);
                 let mut row = Lit::new();
                 add_counted(context, &cast, &whole, &mut row)?;
@@ -212,7 +213,8 @@ impl Receiver<'_> {
         }
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
-        if matches!(self.verdict(context, &r, &worth(&pilot, mean(&pilot)), context.tolerances.min_element_m), Verdict::Keep(wanted) if wanted <= rays) {
+        if matches!(self.verdict(context, &r, &worth(&pilot, mean(&pilot)), context.tolerances.min_element_m), Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays)
+        {
             return Ok(true);
         }
         let whole = self.linked_whole(position, row);
@@ -271,7 +273,7 @@ impl Receiver<'_> {
             return Verdict::Keep(RAYS.0);
         }
         let excess = noise / tolerances.row_w_m2;
-        Verdict::Keep(((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two().min(RAYS.1))
+        Verdict::Keep(((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two())
     }
 
     /// Casts `target` rays from a node.
