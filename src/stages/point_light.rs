@@ -16,7 +16,7 @@ use crate::rays::region::Cuts;
 use crate::transport::bundle::{Bundle, SideCache};
 use crate::transport::gather_lamps;
 use crate::transport::gather_point::{self, Gathered};
-use crate::transport::lamp_list::{self, LampTree};
+use crate::transport::lamp_list::LampTree;
 use crate::transport::lamp_survey;
 use crate::transport::link_rows::{self, Link};
 use crate::transport::source::{Clusters, Loaded};
@@ -164,7 +164,7 @@ impl<'a, 's> PointLight<'a, 's> {
         });
         let closure = views.last().map_or_else(Vec::new, |newest| newest.closure.to_vec());
         let lamps = if rows.iter().any(|(_, row)| row.iter().any(lamp_survey::is_mark)) {
-            Some(lamp_list::of_clusters(self.set, &self.sides, &self.set.visible(id)?.0)?)
+            Some(LampTree::of_clusters(self.set, &self.sides, &self.set.visible(id)?.0)?)
         } else {
             None
         };

@@ -90,6 +90,23 @@ pub struct LampTree {
 }
 
 impl LampTree {
+    /// The lamps of some clusters.
+    pub fn of_clusters(clusters: &dyn Clusters, cache: &SideCache, ids: &[ClusterId]) -> Result<Self> {
+        let mut all = Vec::new();
+        for &id in ids {
+            let loaded = clusters.cluster(id)?;
+            let view = loaded.view();
+            if view.materials.iter().any(|m| m.exitance != [0.0; 3]) {
+                let exitance = |lamp: &Bundle| {
+                    let side = lamp.sides()[0].node.name.patch_side();
+                    Rgb::from_f32(view.materials[side.index()].exitance).norm_squared().sqrt()
+                };
+                all.extend(lamps::of(cache, &view).iter().map(|lamp| Lamp::new(lamp, exitance(lamp))));
+            }
+        }
+        Ok(Self::new(all))
+    }
+
     fn new(mut lamps: Vec<Lamp>) -> Self {
         let mut tree = Self { nodes: Vec::with_capacity(2 * lamps.len()), count: lamps.len() };
         if let Some(first) = lamps.first() {
@@ -117,23 +134,6 @@ impl LampTree {
         self.build(children + 1, right);
         self.nodes[at] = (Lamp::both(&self.nodes[children].0, &self.nodes[children + 1].0), children as u32);
     }
-}
-
-/// The lamps of some clusters.
-pub fn of_clusters(clusters: &dyn Clusters, cache: &SideCache, ids: &[ClusterId]) -> Result<LampTree> {
-    let mut all = Vec::new();
-    for &id in ids {
-        let loaded = clusters.cluster(id)?;
-        let view = loaded.view();
-        if view.materials.iter().any(|m| m.exitance != [0.0; 3]) {
-            let exitance = |lamp: &Bundle| {
-                let side = lamp.sides()[0].node.name.patch_side();
-                Rgb::from_f32(view.materials[side.index()].exitance).norm_squared().sqrt()
-            };
-            all.extend(lamps::of(cache, &view).iter().map(|lamp| Lamp::new(lamp, exitance(lamp))));
-        }
-    }
-    Ok(LampTree::new(all))
 }
 
 /// Where rays to lamps begin: part of a receiver.

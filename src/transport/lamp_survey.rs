@@ -10,7 +10,7 @@ use std::rc::Rc;
 use glam::DVec3;
 
 use super::bundle::Bundle;
-use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close, of_clusters, target};
+use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close, target};
 use super::link_rows::Link;
 use super::refine::{Context, Receiver};
 use super::sight::smallest_region;
@@ -24,9 +24,6 @@ use crate::model::links::Visibility;
 use crate::rays::node::Node;
 use crate::rays::region::Region;
 use crate::rays::traverse::Nearest;
-
-/// Lamps in sight up to which each is linked for itself.
-const FEW_LAMPS: usize = 32;
 
 /// Share of the smallest element's edge down to which elements near lamps are divided.
 const BRIGHT_FLOOR: f64 = 0.5;
@@ -57,18 +54,14 @@ struct Arrival {
 }
 
 impl Receiver<'_> {
-    /// Surveys the lamps of what is in sight, where that has not been done; `false` if they are few.
-    pub(super) fn survey_lamps(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
-        let all = of_clusters(context.clusters, context.sides, visible)?;
-        if all.count <= std::env::var("FEWL").map_or(FEW_LAMPS, |x| x.parse().unwrap()) {
-            return Ok(false);
-        }
-        let mut lamps = lamps_of(context, &all);
+    /// Surveys the lamps in sight, where that has not been done.
+    pub(super) fn survey_lamps(&mut self, context: &Context<'_>, lamps: &LampTree) -> Result<()> {
+        let mut lamps = Lamps::new(context.clusters, context.sides, lamps);
         for name in self.tops_without(is_mark) {
             let r = Bundle::of(context.sides, &self.view, name);
             self.survey_lamps_of(context, &r, &mut lamps)?;
         }
-        Ok(true)
+        Ok(())
     }
 
     fn survey_lamps_of(&mut self, context: &Context<'_>, r: &Bundle, lamps: &mut Lamps<'_>) -> Result<()> {
@@ -125,7 +118,7 @@ impl Receiver<'_> {
     pub(super) fn lamp_survey_holds(
         &mut self,
         context: &Context<'_>,
-        visible: &[ClusterId],
+        lamps: &LampTree,
         position: usize,
         row: &[Link],
     ) -> Result<bool> {
@@ -148,8 +141,7 @@ impl Receiver<'_> {
         if matches!(self.lamp_verdict(context, &r, &worth), Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
             return Ok(true);
         }
-        let all = of_clusters(context.clusters, context.sides, visible)?;
-        self.survey_lamps_of(context, &r, &mut lamps_of(context, &all))?;
+        self.survey_lamps_of(context, &r, &mut Lamps::new(context.clusters, context.sides, lamps))?;
         Ok(false)
     }
 
@@ -280,10 +272,6 @@ fn smallest_m(context: &Context<'_>, r: &Bundle) -> f64 {
     // An element that stands for a part of itself is not divided: its quarters would stand for others.
     let is_part = r.as_element().is_some_and(|n| smallest_region(context.cuts, n).is_some());
     if is_part { floor_m } else { BRIGHT_FLOOR * floor_m }
-}
-
-fn lamps_of<'a>(context: &'a Context<'a>, all: &'a LampTree) -> Lamps<'a> {
-    Lamps::new(context.clusters, context.sides, all)
 }
 
 /// A link that carries nothing: tells that the lamps have been surveyed, by how many rays, and how far off, relative

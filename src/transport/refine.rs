@@ -2,6 +2,7 @@
 //! receivers where light changes. Foreign sources are refined by name alone.
 
 use super::bundle::{Bundle, SideCache};
+use super::lamp_list::LampTree;
 use super::lamp_survey;
 use super::link_rows::Link;
 use super::mesh::Mesh;
@@ -87,8 +88,10 @@ impl<'a> Receiver<'a> {
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
     /// that this one may exchange light with.
     pub fn refine(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<()> {
-        self.surveys = !sees_few(context, visible)?;
-        self.test_stored(context, visible)?;
+        let lamps = LampTree::of_clusters(context.clusters, context.sides, visible)?;
+        let many_lamps = lamps.count > FEW_LAMPS;
+        self.surveys = many_lamps || !sees_few(context, visible)?;
+        self.test_stored(context, &lamps)?;
         let sides: Vec<Node> = (0..2 * self.view.geometry.patches.len())
             .filter(|&i| self.view.takes_part(i))
             .map(|i| {
@@ -99,7 +102,9 @@ impl<'a> Receiver<'a> {
         let all: Vec<usize> = (0..sides.len()).collect();
         let mut linked = self.linked_sides(context)?;
         if self.surveys {
-            if !self.survey_lamps(context, visible)? {
+            if many_lamps {
+                self.survey_lamps(context, &lamps)?;
+            } else {
                 self.link_lamps(context, visible, &sides, &mut linked)?;
             }
             if context.scope == Scope::Everything {
@@ -250,7 +255,7 @@ impl<'a> Receiver<'a> {
 
     /// Tests every stored link against today's light and refines those that no longer do. Casts no
     /// ray and changes nothing where all do.
-    fn test_stored(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<()> {
+    fn test_stored(&mut self, context: &Context<'_>, lamps: &LampTree) -> Result<()> {
         for position in 0..self.mesh.node_count() {
             if context.progress.interrupted() {
                 return Err(Error::Interrupted);
@@ -258,7 +263,7 @@ impl<'a> Receiver<'a> {
             let row = std::mem::take(&mut self.rows[position]);
             let survey_stays = row.iter().any(survey::is_mark) && self.survey_holds(context, position, &row)?;
             let lamps_stay =
-                row.iter().any(lamp_survey::is_mark) && self.lamp_survey_holds(context, visible, position, &row)?;
+                row.iter().any(lamp_survey::is_mark) && self.lamp_survey_holds(context, lamps, position, &row)?;
             let mut kept = Vec::with_capacity(row.len());
             for link in row {
                 let stays = match link.class {
@@ -354,6 +359,9 @@ impl<'a> Receiver<'a> {
 /// surveys are cheaper.
 const FEW_SIDES: usize = 1024;
 
+/// Lamps in sight up to which each is linked for itself, and that alone asks for no survey.
+const FEW_LAMPS: usize = 32;
+
 /// Whether the clusters in sight have few sides.
 fn sees_few(context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
     let mut count = 0;
@@ -361,7 +369,7 @@ fn sees_few(context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
         let loaded = context.clusters.cluster(id)?;
         let view = loaded.view();
         count += (0..2 * view.geometry.patches.len()).filter(|i| view.takes_part(*i)).count();
-        if count > std::env::var("FEW").map_or(FEW_SIDES, |x| x.parse().unwrap()) {
+        if count > FEW_SIDES {
             return Ok(false);
         }
     }

@@ -342,9 +342,14 @@ impl Cast {
     }
 }
 
+/// Width of a strip, in smallest elements, beyond which its quarters would be more for its width than for its length.
+const NARROW: f64 = 0.25;
+
 /// Whether a node may be divided into elements no smaller than `smallest_m`.
 pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
-    r.as_element().is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, smallest_m))
+    let narrow_m = NARROW * smallest_m;
+    r.as_element()
+        .is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, smallest_m) && r.area_m2 > narrow_m * narrow_m)
 }
 
 /// A link that carries nothing: tells that a node has been surveyed, and by how many rays.
