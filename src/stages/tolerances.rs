@@ -38,7 +38,7 @@ pub fn min_element_m(store: &Store, version: u64, facts: &ModelFacts) -> Result<
 }
 
 /// Widest that a typical patch is taken to be, m: light changes over a room's height, however long its floor is.
-const WIDEST_M: f64 = 5.0;
+const WIDEST_M: f64 = 10.0;
 
 /// `--min-element` where none is given, m.
 #[must_use]
