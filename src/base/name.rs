@@ -138,6 +138,12 @@ impl NodeName {
         PatchSide { patch: (self.0 >> (PATH_BITS + 1)) as u8, side: ((self.0 >> PATH_BITS) & 1) as u8 }
     }
 
+    /// The whole of the patch side that an element lies on.
+    #[must_use]
+    pub fn whole_side(self) -> Self {
+        Self::root(self.cluster(), self.patch_side())
+    }
+
     /// Path of an element.
     #[must_use]
     pub fn path(self) -> u32 {

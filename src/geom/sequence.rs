@@ -13,6 +13,12 @@ pub fn mix(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
+/// A point as a seed.
+#[must_use]
+pub fn mix_point(p: DVec3) -> u64 {
+    p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()))
+}
+
 /// A number in [0, 1) from the top 53 bits.
 #[must_use]
 pub fn unit(x: u64) -> f64 {

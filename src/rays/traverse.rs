@@ -8,6 +8,7 @@ use glam::{DVec3, Vec3A};
 
 use super::scene::{PatchKey, RayScene};
 use super::shaft::Blockers;
+use crate::base::PatchSide;
 use crate::geom::bounds::Bounds;
 use crate::model::rays::{RayNode, RayPatch};
 
@@ -46,6 +47,14 @@ pub struct Hit {
     pub front: bool,
     /// Distance in lengths of the ray's direction.
     pub t: f64,
+}
+
+impl Hit {
+    /// The side that was met.
+    #[must_use]
+    pub fn side(&self) -> PatchSide {
+        PatchSide { patch: self.key.patch as u8, side: u8::from(!self.front) }
+    }
 }
 
 /// A ray: f64 for patches, f32 for boxes, which are padded by more than f32 loses.

@@ -115,7 +115,7 @@ impl<'a, 's> PointLight<'a, 's> {
                         vec![link.source]
                     };
                     for side in sides {
-                        linked.push(NodeName::root(side.cluster(), side.patch_side()));
+                        linked.push(side.whole_side());
                         gather_point::add_link(
                             self.cuts.scene(),
                             &place,

@@ -282,7 +282,7 @@ impl<'s> Eye<'s> {
     fn radiosity(&mut self, hit: &Hit, point: DVec3) -> Result<Rgb> {
         let cluster = self.set.mapped(ClusterId(hit.key.cluster))?;
         let view = cluster.view();
-        let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+        let at = hit.side();
         if !view.takes_part(at.index()) {
             return Ok(Rgb::BLACK);
         }

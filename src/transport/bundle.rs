@@ -12,6 +12,8 @@ use lru::LruCache;
 use super::sectors::sector_of_side;
 use super::source::ClusterView;
 use crate::base::{NodeName, PatchSide};
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree;
 use crate::rays::node::Node;
 
 /// A patch side below sector nodes.
@@ -172,9 +174,7 @@ impl Bundle {
         (&self.sides()[index], along)
     }
 
-    /// The same by the side's place among [`Self::sides`].
-    #[must_use]
-    pub fn draw_index(&self, x: f64) -> (usize, f64) {
+    fn draw_index(&self, x: f64) -> (usize, f64) {
         let mut before = 0.0;
         for (index, side) in self.sides().iter().enumerate() {
             let share = side.area_m2 / self.area_m2;
@@ -184,5 +184,46 @@ impl Bundle {
             before += share;
         }
         (self.sides().len() - 1, 0.5)
+    }
+}
+
+/// Where rays of a bundle begin, quarter by quarter: of an element those of its shape, of others a quarter of the area.
+pub struct Starts<'a> {
+    of: &'a Bundle,
+    quarters: Option<[Polygon; 4]>,
+}
+
+impl<'a> Starts<'a> {
+    /// Of a bundle.
+    #[must_use]
+    pub fn new(of: &'a Bundle) -> Self {
+        let quarters = |node: &Node| std::array::from_fn(|q| quadtree::child(&node.shape, q as u32));
+        Self { of, quarters: of.as_element().map(quarters) }
+    }
+
+    /// Polygons that places are drawn from: the quarters, or the sides.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.quarters.as_ref().map_or(self.of.sides().len(), |quarters| quarters.len())
+    }
+
+    /// One of them.
+    #[must_use]
+    pub fn shape(&self, index: usize) -> &Polygon {
+        match &self.quarters {
+            Some(quarters) => &quarters[index],
+            None => &self.of.sides()[index].node.shape,
+        }
+    }
+
+    /// A place of a quarter by two numbers in 0..1: the polygon, the side and the place.
+    #[must_use]
+    pub fn draw(&self, quarter: usize, [a, b]: [f64; 2]) -> (usize, &'a Side, DVec3) {
+        if let Some(quarters) = &self.quarters {
+            return (quarter, &self.of.sides()[0], quarters[quarter].point(a, b));
+        }
+        let (index, along) = self.of.draw_index((quarter as f64 + a) / 4.0);
+        let side = &self.of.sides()[index];
+        (index, side, side.node.shape.point(along, b))
     }
 }

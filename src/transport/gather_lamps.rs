@@ -7,7 +7,7 @@ use super::gather_point::{Gathered, Place, Seen, Survey};
 use super::lamp_list::{LampTree, Lamps, Place as Start, target};
 use super::source::Clusters;
 use crate::base::{NodeName, Result};
-use crate::geom::sequence::{Sequence, mix};
+use crate::geom::sequence::{Sequence, mix, mix_point};
 use crate::rays::RayScene;
 
 /// Rays from a point to lamps.
@@ -31,8 +31,7 @@ pub fn add_lamps(
     let (p, normal) = (place.point, place.leaf.normal);
     let mut lamps = Lamps::new(clusters, sides, lamps);
     let Some(aim) = lamps.aim(&Start::point(p, normal)) else { return Ok(()) };
-    let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
-    let sequence = Sequence::new(mix(bits) ^ SALT);
+    let sequence = Sequence::new(mix(mix_point(p)) ^ SALT);
     let mut found: BTreeMap<NodeName, f64> = BTreeMap::new();
     let (mut sum, mut squares) = (0.0, 0.0);
     for index in 0..RAYS {
@@ -48,10 +47,10 @@ pub fn add_lamps(
         }
     }
     if aim.may_be_close {
-        for (name, form_factor) in survey.close_lamps(clusters, p)? {
-            *found.entry(name).or_default() += form_factor;
-            sum += form_factor;
-            squares += form_factor * form_factor;
+        for name in survey.close_lamps(clusters, p)? {
+            *found.entry(name).or_default() += Survey::RAY;
+            sum += Survey::RAY;
+            squares += Survey::RAY * Survey::RAY;
         }
     }
     let error = (squares - sum * sum / RAYS as f64).max(0.0).sqrt();

@@ -4,17 +4,17 @@
 use glam::DVec3;
 
 use super::form_factor;
-use super::lamp_list::is_close;
+use super::lamp_list::is_close_lamp;
 use super::link_rows::Link;
 use super::met::element_at;
 use super::refine::DIM;
 use super::sight::{self, UNANIMOUS};
 use super::source::{ClusterView, Clusters};
 use super::survey_row::counted_error;
-use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
+use crate::base::{ClusterId, NodeName, Result, Rgb};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
-use crate::geom::sequence::{Sequence, cosine_direction, mix};
+use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
@@ -197,10 +197,8 @@ impl View<'_> {
     /// Share of a part that the place sees, weighted by the kernel, and its standard error.
     fn visible_share(&self, part: &Part, rays: &mut u64) -> (f64, f64) {
         let p = self.place.point;
-        let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
-        let corner = part.shape.corners()[0];
-        let of_part = mix(corner.x.to_bits() ^ mix(corner.y.to_bits() ^ mix(corner.z.to_bits())));
-        let sequence = Sequence::new(mix(self.s.name.0 ^ of_part) ^ bits);
+        let of_part = mix(mix_point(part.shape.corners()[0]));
+        let sequence = Sequence::new(mix(self.s.name.0 ^ of_part) ^ mix_point(p));
         let softening = 2e-3 * part.shape.area();
         let (mut all, mut squares, mut visible) = (0.0, 0.0, 0.0);
         for index in 0..RAYS {
@@ -242,16 +240,16 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// The sides of close lamps that single rays met, and what a ray stands for.
-    pub(super) fn close_lamps(&self, clusters: &dyn Clusters, point: DVec3) -> Result<Vec<(NodeName, f64)>> {
+    /// What a ray that meets a side stands for.
+    pub(super) const RAY: f64 = 1.0 / SURVEY_RAYS as f64;
+
+    /// The sides of close lamps that rays from the point met, one for each ray.
+    pub(super) fn close_lamps(&self, clusters: &dyn Clusters, point: DVec3) -> Result<Vec<NodeName>> {
         let mut close = Vec::new();
         for (leaf, to) in &self.met {
-            let root = NodeName::root(leaf.name.cluster(), leaf.name.patch_side());
-            let loaded = clusters.cluster(root.cluster())?;
-            let view = loaded.view();
-            let area_m2 = f64::from(view.geometry.patches[usize::from(root.patch_side().patch)].area_m2);
-            if view.emits(root) && is_close(point, *to, area_m2) {
-                close.push((root, 1.0 / SURVEY_RAYS as f64));
+            let side = leaf.name.whole_side();
+            if is_close_lamp(&clusters.cluster(side.cluster())?.view(), side, point, *to) {
+                close.push(side);
             }
         }
         Ok(close)
@@ -259,14 +257,13 @@ impl Survey {
 
     /// The emitting sides among what was met.
     pub fn emitters(&self, clusters: &dyn Clusters) -> Result<Vec<NodeName>> {
-        let mut met: Vec<NodeName> =
-            self.met.iter().map(|(n, _)| NodeName::root(n.name.cluster(), n.name.patch_side())).collect();
-        met.sort_unstable();
-        met.dedup();
+        let mut sides: Vec<NodeName> = self.met.iter().map(|(leaf, _)| leaf.name.whole_side()).collect();
+        sides.sort_unstable();
+        sides.dedup();
         let mut emitters = Vec::new();
-        for root in met {
-            if clusters.cluster(root.cluster())?.view().emits(root) {
-                emitters.push(root);
+        for side in sides {
+            if clusters.cluster(side.cluster())?.view().emits(side) {
+                emitters.push(side);
             }
         }
         Ok(emitters)
@@ -288,8 +285,7 @@ const MOST_REFLECTIONS: u64 = 16;
 /// Casts a point's own rays. Counts them.
 pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays: &mut u64) -> Result<Survey> {
     let p = place.point;
-    let bits = p.x.to_bits() ^ mix(p.y.to_bits() ^ mix(p.z.to_bits()));
-    let sequence = Sequence::new(mix(bits));
+    let sequence = Sequence::new(mix(mix_point(p)));
     let (mut met, mut near) = (Vec::new(), 0);
     for index in 0..SURVEY_RAYS {
         let [_, _, c, d] = sequence.point(index);
@@ -314,7 +310,7 @@ fn meet(
     let Nearest::Met(hit) = cuts.scene().nearest(from, direction, Some(&element.end)) else { return Ok(None) };
     let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
     let view = loaded.view();
-    let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+    let at = hit.side();
     let to = from + direction * hit.t;
     let takes_part = view.takes_part(at.index());
     Ok(takes_part.then(|| element_at(cuts, &view, at, to)).flatten().map(|element| (element, to, hit.t)))
@@ -333,7 +329,7 @@ pub fn add_survey(
 ) -> Result<()> {
     let (mut met, mut light) = (0u64, Rgb::BLACK);
     for (leaf, to) in &survey.met {
-        let root = NodeName::root(leaf.name.cluster(), leaf.name.patch_side());
+        let root = leaf.name.whole_side();
         if linked.binary_search(&root).is_ok() {
             continue;
         }

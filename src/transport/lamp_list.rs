@@ -7,8 +7,8 @@ use glam::DVec3;
 
 use super::bundle::{Bundle, SideCache};
 use super::lamps;
-use super::source::Clusters;
-use crate::base::{ClusterId, NodeName, Result, Rgb};
+use super::source::{ClusterView, Clusters};
+use crate::base::{ClusterId, NodeName, Result};
 use crate::geom::polygon::Polygon;
 use crate::rays::node::Node;
 
@@ -25,7 +25,7 @@ pub struct Lamp {
     normal: DVec3,
     normals_differ: f64,
     /// W/m2 (norm over RGB).
-    exitance: f64,
+    pub exitance: f64,
     /// Distance below which a side of it is close, m.
     close_m: f64,
 }
@@ -65,12 +65,6 @@ impl Lamp {
         self.power_w * cos_r * cos_s / (distance_m * distance_m)
     }
 
-    /// Exitance, W/m2 (norm over RGB).
-    #[must_use]
-    pub fn exitance(&self) -> f64 {
-        self.exitance
-    }
-
     /// Whether a point is so close that parts are to be told apart.
     fn is_near(&self, point: DVec3) -> bool {
         self.radius_m > NEAR * self.centre.distance(point)
@@ -97,10 +91,7 @@ impl LampTree {
             let loaded = clusters.cluster(id)?;
             let view = loaded.view();
             if view.materials.iter().any(|m| m.exitance != [0.0; 3]) {
-                let exitance = |lamp: &Bundle| {
-                    let side = lamp.sides()[0].node.name.patch_side();
-                    Rgb::from_f32(view.materials[side.index()].exitance).norm_squared().sqrt()
-                };
+                let exitance = |lamp: &Bundle| view.exitance(lamp.sides()[0].node.name);
                 all.extend(lamps::of(cache, &view).iter().map(|lamp| Lamp::new(lamp, exitance(lamp))));
             }
         }
@@ -280,9 +271,15 @@ const CLOSE: f64 = 4.0;
 
 /// Whether a lamp's side is so close that few rays to it would bring more than all others: what arrives from there is
 /// counted by cosine-weighted rays, which meet it often, and rays to it count nothing.
-#[must_use]
-pub fn is_close(from: DVec3, to: DVec3, side_area_m2: f64) -> bool {
+fn is_close(from: DVec3, to: DVec3, side_area_m2: f64) -> bool {
     from.distance_squared(to) < CLOSE * side_area_m2
+}
+
+/// Whether `to` lies on a side of a lamp that is close to `from`.
+#[must_use]
+pub fn is_close_lamp(view: &ClusterView<'_>, side: NodeName, from: DVec3, to: DVec3) -> bool {
+    let area_m2 = f64::from(view.geometry.patches[usize::from(side.patch_side().patch)].area_m2);
+    view.emits(side) && is_close(from, to, area_m2)
 }
 
 /// Draws a place of a lamp by two numbers in 0..1; `None` if it and `from` do not face each other, or it is close.

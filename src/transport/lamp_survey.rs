@@ -9,16 +9,15 @@ use std::rc::Rc;
 
 use glam::DVec3;
 
-use super::bundle::Bundle;
-use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close, target};
+use super::bundle::{Bundle, Starts};
+use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close_lamp, target};
 use super::link_rows::Link;
 use super::refine::{Context, Receiver};
-use super::sight::smallest_region;
-use super::survey::{DARK, FINAL, LARGE, Lit, PILOT, RAYS, Verdict, can_divide};
+use super::sight::{Mean, smallest_region};
+use super::source::ClusterView;
+use super::survey::{self, DARK, FINAL, LARGE, Lit, PILOT, RAYS, Verdict, can_divide};
 use super::survey_row::{Worth, pack_quarters, worth};
-use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
-use crate::geom::polygon::Polygon;
-use crate::geom::quadtree;
+use crate::base::{ClusterId, Error, NodeName, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::Visibility;
 use crate::rays::node::Node;
@@ -70,14 +69,10 @@ impl Receiver<'_> {
         }
         let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
         let pilot = self.draw(context, r, region.as_ref(), lamps, RAYS.0, PILOT)?;
-        let worth = worth(&pilot.row, self.irradiance_of(r.name));
+        let mut worth = worth(&pilot.row, self.irradiance_of(r.name));
         // Near a lamp what would arrive changes so much from place to place that no number of rays tells the mean.
-        let smallest_m = smallest_m(context, r);
-        let uneven = Worth { gradient: worth.irradiance * pilot.unevenness, ..worth };
-        let verdict = match self.lamp_verdict(context, r, &worth) {
-            Verdict::Keep(_) if self.verdict(context, r, &uneven, smallest_m) == Verdict::Split => Verdict::Split,
-            verdict => verdict,
-        };
+        worth.gradient = worth.gradient.max(worth.irradiance * pilot.unevenness);
+        let verdict = self.lamp_verdict(context, r, region.is_some(), &worth);
         let may_come = pilot.unoccluded_w_m2 > DARK * context.tolerances.row_w_m2;
         let straddles = r.as_element().is_none() && pilot.visible < 0.5 && may_come;
         match verdict {
@@ -100,14 +95,16 @@ impl Receiver<'_> {
     /// As for other surveys, where much light is with smaller elements. But sides below a sector node face different
     /// ways, which no number of rays mends; and noise that rays do not get rid of hides that few places see a lamp,
     /// whose light would be spread over all.
-    fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
-        let large_m = LARGE * context.tolerances.min_element_m;
+    fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, is_part: bool, worth: &Worth) -> Verdict {
+        let floor_m = context.tolerances.min_element_m;
+        // An element that stands for a part of itself is not divided: its quarters would stand for others.
+        let smallest_m = if is_part { floor_m } else { BRIGHT_FLOOR * floor_m };
+        let large_m = LARGE * floor_m;
         let most = match r.as_element() {
             None => RAYS.0,
             Some(_) if r.area_m2 > large_m * large_m => RAYS.1 / 2,
             Some(_) => MOST_WANTED,
         };
-        let smallest_m = smallest_m(context, r);
         match self.verdict(context, r, worth, smallest_m) {
             Verdict::Keep(rays) if rays > most && can_divide(r, smallest_m) => Verdict::Split,
             verdict => verdict,
@@ -129,7 +126,7 @@ impl Receiver<'_> {
                 continue;
             }
             let loaded = context.clusters.cluster(link.source.cluster())?;
-            if link.class == Visibility::Surveyed && loaded.view().emits(link.source) {
+            if link.class == Visibility::Surveyed && holds(&loaded.view(), link) {
                 let radiosity = loaded.view().source(link.source).radiosity;
                 pilot.push((Link { form_factor: link.uncertainty, ..*link }, radiosity));
             }
@@ -138,7 +135,9 @@ impl Receiver<'_> {
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
         let worth = worth(&pilot, self.irradiance_of(r.name));
-        if matches!(self.lamp_verdict(context, &r, &worth), Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
+        let is_part = r.as_element().is_some_and(|n| smallest_region(context.cuts, n).is_some());
+        let verdict = self.lamp_verdict(context, &r, is_part, &worth);
+        if matches!(verdict, Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
             return Ok(true);
         }
         self.survey_lamps_of(context, &r, &mut Lamps::new(context.clusters, context.sides, lamps))?;
@@ -154,7 +153,7 @@ impl Receiver<'_> {
         self.mesh.elements[self.mesh.nearest(name)].irradiance
     }
 
-    /// Casts `target` rays from a node to lamps.
+    /// Casts `count` rays from a node to lamps.
     fn draw(
         &mut self,
         context: &Context<'_>,
@@ -166,20 +165,21 @@ impl Receiver<'_> {
     ) -> Result<Found> {
         let scene = context.cuts.scene();
         let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt ^ SALT);
-        let mut starts = Starts::new(r);
+        let mut aims = Aims::new(r);
         let mut tally = Tally::default();
         let mut arrivals = Vec::new();
         for index in 0..4 * count {
-            if tally.rays() == count {
+            if tally.rays == count {
                 break;
             }
             let [a, b, c, d] = sequence.point(index);
             let quarter = (index % 4) as usize;
-            let (start, from) = starts.draw(quarter, a, b);
+            let (polygon, side, from) = aims.starts.draw(quarter, [a, b]);
             if region.is_some_and(|region| !region.holds(scene, from)) {
                 continue;
             }
-            let Some(aim) = start.aim(lamps, from) else {
+            let (normal, end) = (side.node.normal, &side.node.end);
+            let Some(aim) = aims.aim(lamps, polygon, normal, from) else {
                 tally.add(quarter, 0.0, 0.0);
                 continue;
             };
@@ -188,21 +188,19 @@ impl Receiver<'_> {
                 *arrives += form_factor * exitance;
                 arrivals.push(Arrival { lamp, quarter, form_factor });
             };
-            let normal = start.node.normal;
             if let Some(drawn) = lamps.draw(&aim, from, normal, c)?
                 && let Some(target) = target(&drawn.bundle, from, normal, [drawn.rest, d])
             {
-                let (form_factor, exitance) = (target.form_factor / drawn.share, drawn.lamp.exitance());
+                let (form_factor, exitance) = (target.form_factor / drawn.share, drawn.lamp.exitance);
                 self.counts.rays += 1;
                 expected += form_factor * exitance;
-                if !scene.blocked(from, target.to, &start.node.end, &target.on.end, &None) {
+                if !scene.blocked(from, target.to, end, &target.on.end, &None) {
                     arrive(&mut arrives, drawn.lamp.name, form_factor, exitance);
                 }
             }
             if aim.may_be_close {
                 self.counts.rays += 1;
-                if let Some((lamp, exitance)) = close_lamp(context, &start.node, from, cosine_direction(normal, c, d))?
-                {
+                if let Some((lamp, exitance)) = close_lamp(context, &side.node, from, cosine_direction(normal, c, d))? {
                     expected += exitance;
                     arrive(&mut arrives, lamp, 1.0, exitance);
                 }
@@ -226,30 +224,24 @@ impl Receiver<'_> {
 /// The side of a close lamp that a ray meets, and its exitance, W/m2 (norm over RGB).
 fn close_lamp(context: &Context<'_>, r: &Node, from: DVec3, along: DVec3) -> Result<Option<(NodeName, f64)>> {
     let Nearest::Met(hit) = context.cuts.scene().nearest(from, along, Some(&r.end)) else { return Ok(None) };
-    let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
-    let name = NodeName::root(ClusterId(hit.key.cluster), at);
+    let name = NodeName::root(ClusterId(hit.key.cluster), hit.side());
     let loaded = context.clusters.cluster(name.cluster())?;
     let view = loaded.view();
-    let is_lamp = view.takes_part(at.index()) && view.emits(name);
-    if !is_lamp
-        || !is_close(from, from + along * hit.t, f64::from(view.geometry.patches[usize::from(at.patch)].area_m2))
-    {
-        return Ok(None);
-    }
-    Ok(Some((name, Rgb::from_f32(view.materials[at.index()].exitance).norm_squared().sqrt())))
+    let is_lamp = view.takes_part(hit.side().index()) && is_close_lamp(&view, name, from, from + along * hit.t);
+    Ok(is_lamp.then(|| (name, view.exitance(name))))
 }
 
 /// Links of what arrived, their errors not known yet.
 fn to_links(context: &Context<'_>, mut arrivals: Vec<Arrival>, tally: &Tally) -> Result<Lit> {
     arrivals.sort_by_key(|a| (a.lamp, a.quarter));
-    let rays = tally.rays() as f64;
+    let rays = tally.rays as f64;
     let mut row = Lit::new();
     for run in arrivals.chunk_by(|a, b| a.lamp == b.lamp) {
         let source = run[0].lamp;
         let share = run.iter().map(|a| a.form_factor).sum::<f64>() / rays;
         let relative = std::array::from_fn(|q| {
             let here: f64 = run.iter().filter(|a| a.quarter == q).map(|a| a.form_factor).sum();
-            here / tally.arrives[q].rays.max(1) as f64 / share
+            here / tally.arrives[q].count.max(1.0) / share
         });
         let (form_factor, spread) = (share.min(1.0) as f32, pack_quarters(relative));
         let link = Link { source, form_factor, spread, uncertainty: 0.0, class: Visibility::Surveyed };
@@ -264,14 +256,6 @@ fn set_errors(row: &mut Lit, error: f64) {
     for (link, _) in row {
         link.uncertainty = (error * (f64::from(link.form_factor) * sum).sqrt()) as f32;
     }
-}
-
-/// Down to which size a node may be divided for its lamps.
-fn smallest_m(context: &Context<'_>, r: &Bundle) -> f64 {
-    let floor_m = context.tolerances.min_element_m;
-    // An element that stands for a part of itself is not divided: its quarters would stand for others.
-    let is_part = r.as_element().is_some_and(|n| smallest_region(context.cuts, n).is_some());
-    if is_part { floor_m } else { BRIGHT_FLOOR * floor_m }
 }
 
 /// A link that carries nothing: tells that the lamps have been surveyed, by how many rays, and how far off, relative
@@ -290,88 +274,52 @@ pub fn is_mark(link: &Link) -> bool {
         && link.spread <= 1.0
 }
 
-/// Part of a receiver that rays begin at: a quarter of an element, a side below a sector node.
-struct Start {
-    shape: Polygon,
-    node: Node,
-    /// Where its rays go, once that was asked: `None` where no lamp can be seen.
-    aim: Option<Option<Rc<Aim>>>,
+/// Whether a surveyed link, of a source in `view`, is part of a survey of lamps: its mark, or to an emitter.
+pub(super) fn holds(view: &ClusterView<'_>, link: &Link) -> bool {
+    is_mark(link) || (!survey::is_mark(link) && view.emits(link.source))
 }
 
-impl Start {
-    fn aim(&mut self, lamps: &Lamps<'_>, from: DVec3) -> Option<Rc<Aim>> {
-        let all_over = || lamps.aim(&Place::polygon(&self.shape, self.node.normal)).map(Rc::new);
-        let aim = self.aim.get_or_insert_with(all_over).clone()?;
+/// Where rays to lamps go from each polygon of a receiver, once that was asked: `None` where no lamp can be seen.
+struct Aims<'a> {
+    starts: Starts<'a>,
+    known: Vec<Option<Option<Rc<Aim>>>>,
+}
+
+impl<'a> Aims<'a> {
+    fn new(r: &'a Bundle) -> Self {
+        let starts = Starts::new(r);
+        let known = vec![None; starts.count()];
+        Self { starts, known }
+    }
+
+    /// From a place of polygon `index`.
+    fn aim(&mut self, lamps: &Lamps<'_>, index: usize, normal: DVec3, from: DVec3) -> Option<Rc<Aim>> {
+        let all_over = || lamps.aim(&Place::polygon(self.starts.shape(index), normal)).map(Rc::new);
+        let aim = self.known[index].get_or_insert_with(all_over).clone()?;
         if aim.holds_all_over {
             return Some(aim);
         }
-        lamps.aim(&Place::point(from, self.node.normal)).map(Rc::new)
+        lamps.aim(&Place::point(from, normal)).map(Rc::new)
     }
 }
 
-/// All parts of a receiver.
-struct Starts<'a> {
-    of: &'a Bundle,
-    all: Vec<Start>,
-}
-
-impl<'a> Starts<'a> {
-    fn new(of: &'a Bundle) -> Self {
-        let start = |node: &Node, shape| Start { shape, node: *node, aim: None };
-        let all = match of.as_element() {
-            Some(node) => (0..4).map(|q| start(node, quadtree::child(&node.shape, q))).collect(),
-            None => of.sides().iter().map(|side| start(&side.node, side.node.shape)).collect(),
-        };
-        Self { of, all }
-    }
-
-    /// A place by two numbers in 0..1, and the part that it lies in.
-    fn draw(&mut self, quarter: usize, a: f64, b: f64) -> (&mut Start, DVec3) {
-        if self.of.as_element().is_some() {
-            let from = self.all[quarter].shape.point(a, b);
-            return (&mut self.all[quarter], from);
-        }
-        let (index, along) = self.of.draw_index((quarter as f64 + a) / 4.0);
-        let from = self.all[index].shape.point(along, b);
-        (&mut self.all[index], from)
-    }
-}
-
-/// What rays of a quarter brought, W/m2.
-#[derive(Clone, Copy, Default)]
-struct Quarter {
-    rays: u64,
-    sum: f64,
-    squares: f64,
-}
-
-impl Quarter {
-    fn add(&mut self, light: f64) {
-        self.rays += 1;
-        self.sum += light;
-        self.squares += light * light;
-    }
-}
-
-/// What all rays brought, and would have if nothing stood in between.
+/// What rays brought, by quarter, and would have if nothing stood in between, W/m2.
 #[derive(Default)]
 struct Tally {
-    arrives: [Quarter; 4],
-    expected: [Quarter; 4],
+    arrives: [Mean; 4],
+    expected: [Mean; 4],
+    rays: u64,
 }
 
 impl Tally {
     fn add(&mut self, quarter: usize, arrives: f64, expected: f64) {
         self.arrives[quarter].add(arrives);
         self.expected[quarter].add(expected);
-    }
-
-    fn rays(&self) -> u64 {
-        self.arrives.iter().map(|q| q.rays).sum()
+        self.rays += 1;
     }
 
     fn mean_expected_w_m2(&self) -> f64 {
-        sum(&self.expected) / self.rays().max(1) as f64
+        sum(&self.expected) / self.rays.max(1) as f64
     }
 
     fn visible_share(&self) -> f64 {
@@ -380,13 +328,12 @@ impl Tally {
     }
 }
 
-fn sum(quarters: &[Quarter; 4]) -> f64 {
+fn sum(quarters: &[Mean; 4]) -> f64 {
     quarters.iter().map(|q| q.sum).sum()
 }
 
 /// Standard error of the sum, relative to it.
-fn relative_error(quarters: &[Quarter; 4]) -> f64 {
-    let variance = |q: &Quarter| (q.squares - q.sum * q.sum / (q.rays.max(1) as f64)).max(0.0);
+fn relative_error(quarters: &[Mean; 4]) -> f64 {
     let sum = sum(quarters);
-    if sum > 0.0 { quarters.iter().map(variance).sum::<f64>().sqrt() / sum } else { 0.0 }
+    if sum > 0.0 { quarters.iter().map(Mean::sum_variance).sum::<f64>().sqrt() / sum } else { 0.0 }
 }

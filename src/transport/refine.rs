@@ -270,9 +270,7 @@ impl<'a> Receiver<'a> {
                     Visibility::Surveyed if lamps_stay == survey_stays => survey_stays,
                     Visibility::Surveyed => {
                         let loaded = context.clusters.cluster(link.source.cluster())?;
-                        let of_lamps = lamp_survey::is_mark(&link)
-                            || (!survey::is_mark(&link) && loaded.view().emits(link.source));
-                        if of_lamps { lamps_stay } else { survey_stays }
+                        if lamp_survey::holds(&loaded.view(), &link) { lamps_stay } else { survey_stays }
                     }
                     Visibility::Hidden => true,
                     _ => {

@@ -13,7 +13,7 @@ use super::sectors::{bring_down, sum_up};
 use super::sight::{is_smallest, smallest_region};
 use super::source::ClusterView;
 use crate::base::name::MAX_DEPTH;
-use crate::base::{ClusterId, NodeName, PatchSide, Result};
+use crate::base::{ClusterId, NodeName, Result};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
@@ -157,7 +157,7 @@ fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool
 
 /// Whether light leaves the place that a ray met: a leaf stands for the part that holds its anchor.
 fn is_lit(cuts: &Cuts<'_>, view: &ClusterView<'_>, hit: &Hit, point: glam::DVec3) -> bool {
-    let at = PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) };
+    let at = hit.side();
     if !view.takes_part(at.index()) {
         return false;
     }
@@ -173,7 +173,7 @@ mod tests {
     use bytemuck::Zeroable;
 
     use super::*;
-    use crate::base::Rgb;
+    use crate::base::{PatchSide, Rgb};
     use crate::model::geometry::PatchRecord;
     use crate::model::links::LeafClosure;
     use crate::transport::push_pull::{Gathered, factors, push_pull};

@@ -264,13 +264,13 @@ impl Tally {
 /// A mean of samples.
 #[derive(Default)]
 pub(super) struct Mean {
-    count: f64,
-    sum: f64,
+    pub(super) count: f64,
+    pub(super) sum: f64,
     squares: f64,
 }
 
 impl Mean {
-    fn add(&mut self, value: f64) {
+    pub(super) fn add(&mut self, value: f64) {
         self.count += 1.0;
         self.sum += value;
         self.squares += value * value;
@@ -278,6 +278,11 @@ impl Mean {
 
     fn mean(&self) -> f64 {
         self.sum / self.count.max(1.0)
+    }
+
+    /// Variance of the sum.
+    pub(super) fn sum_variance(&self) -> f64 {
+        (self.squares - self.sum * self.sum / self.count.max(1.0)).max(0.0)
     }
 
     /// Standard error of the mean.

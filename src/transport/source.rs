@@ -72,6 +72,12 @@ impl ClusterView<'_> {
         element.is_sector() || self.materials[element.patch_side().index()].exitance != [0.0; 3]
     }
 
+    /// Exitance of the side that an element lies on, W/m2 (norm over RGB).
+    #[must_use]
+    pub fn exitance(&self, element: NodeName) -> f64 {
+        Rgb::from_f32(self.materials[element.patch_side().index()].exitance).norm_squared().sqrt()
+    }
+
     /// Whether a patch side takes part at all.
     #[must_use]
     pub fn takes_part(&self, side_index: usize) -> bool {

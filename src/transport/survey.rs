@@ -14,7 +14,7 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
-use super::bundle::Bundle;
+use super::bundle::{Bundle, Starts};
 use super::lamp_survey;
 use super::link_rows::Link;
 use super::met::element_at;
@@ -24,7 +24,6 @@ use super::sight::{Known, is_smallest, sees_whole, smallest_region};
 use super::survey_row::{Worth, counted_error, mean, pack_quarters, worth};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
-use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
@@ -207,14 +206,15 @@ impl Receiver<'_> {
                 continue;
             }
             let loaded = context.clusters.cluster(link.source.cluster())?;
-            if !lamp_survey::is_mark(link) && !loaded.view().emits(link.source) {
+            if !lamp_survey::holds(&loaded.view(), link) {
                 pilot.push((of_pilot(link), loaded.view().source(link.source).radiosity));
             }
         }
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
-        if matches!(self.verdict(context, &r, &worth(&pilot, mean(&pilot)), context.tolerances.min_element_m), Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays)
-        {
+        let worth = worth(&pilot, mean(&pilot));
+        let verdict = self.verdict(context, &r, &worth, context.tolerances.min_element_m);
+        if matches!(verdict, Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
             return Ok(true);
         }
         let whole = self.linked_whole(position, row);
@@ -228,7 +228,7 @@ impl Receiver<'_> {
         let mut whole = HashSet::new();
         let mut add = |row: &[Link]| {
             let pairs = row.iter().filter(|link| link.class != Visibility::Surveyed && !link.source.is_sector());
-            whole.extend(pairs.map(|link| NodeName::root(link.source.cluster(), link.source.patch_side())));
+            whole.extend(pairs.map(|link| link.source.whole_side()));
         };
         add(row);
         let mut above = self.mesh.elements[element].parent;
@@ -283,18 +283,12 @@ impl Receiver<'_> {
         let scene = context.cuts.scene();
         let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt);
         let size_m = r.as_element().map_or(r.radius_m, |n| n.shape.longest_edge());
-        let quarters = r.as_element().map(|n| std::array::from_fn::<_, 4, _>(|q| quadtree::child(&n.shape, q as u32)));
+        let starts = Starts::new(r);
         while cast.rays() < target && index < 4 * target {
             let [a, b, c, d] = sequence.point(index);
             let quarter = (index % 4) as usize;
             index += 1;
-            let (side, from) = match &quarters {
-                Some(shapes) => (&r.sides()[0], shapes[quarter].point(a, b)),
-                None => {
-                    let (side, along) = r.draw((quarter as f64 + a) / 4.0);
-                    (side, side.node.shape.point(along, b))
-                }
-            };
+            let (_, side, from) = starts.draw(quarter, [a, b]);
             if region.is_some_and(|region| !region.holds(scene, from)) {
                 continue;
             }
@@ -314,7 +308,7 @@ impl Receiver<'_> {
             cast.open[quarter] += 1;
             cast.met.push(Met {
                 cluster: ClusterId(hit.key.cluster),
-                side: PatchSide { patch: hit.key.patch as u8, side: u8::from(!hit.front) },
+                side: hit.side(),
                 point: from + direction * hit.t,
                 is_near: hit.t < 0.5 * size_m,
                 quarter,

@@ -7,27 +7,42 @@ use glam::{DMat3, DVec3};
 
 use super::solved::{Leaf, Solved, Wrong, irradiance, mean, solve, solve_file};
 
+/// Corners of the faces of a box: floor, ceiling, then the walls.
+const FACES: [[i32; 4]; 6] = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+
+/// Writes a box as an object with a material of its name, each corner moved by `motion`; `inwards` shows its fronts to
+/// the inside, `open_below` leaves its floor out.
+pub fn write_box(
+    obj: &mut String,
+    name: &str,
+    (low, high): (DVec3, DVec3),
+    (inwards, open_below): (bool, bool),
+    motion: impl Fn(DVec3) -> DVec3,
+) {
+    writeln!(obj, "o {name}\nusemtl {name}").unwrap();
+    for i in 0..8u32 {
+        let pick = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
+        let corner = motion(low + (high - low) * pick);
+        writeln!(obj, "v {} {} {}", corner.x, corner.y, corner.z).unwrap();
+    }
+    for face in &FACES[usize::from(open_below)..] {
+        let mut face = face.map(|corner| corner - 8);
+        if !inwards {
+            face.reverse();
+        }
+        writeln!(obj, "f {} {} {} {}", face[0], face[1], face[2], face[3]).unwrap();
+    }
+}
+
 /// A small room with a table and a lamp, each corner moved by `motion`, m.
 pub fn write_room(model: &Path, motion: impl Fn(DVec3) -> DVec3) {
     let mut obj = String::new();
-    for (name, (low, high), inwards) in [
+    for (name, bounds, inwards) in [
         ("wall", (DVec3::ZERO, DVec3::new(4.0, 3.0, 2.5)), true),
         ("lamp", (DVec3::new(1.5, 1.0, 2.4), DVec3::new(2.5, 2.0, 2.45)), false),
         ("table", (DVec3::new(1.0, 0.5, 0.7), DVec3::new(3.0, 1.5, 0.8)), false),
     ] {
-        writeln!(obj, "o {name}\nusemtl {name}").unwrap();
-        for i in 0..8u32 {
-            let pick = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
-            let corner = motion(low + (high - low) * pick);
-            writeln!(obj, "v {} {} {}", corner.x, corner.y, corner.z).unwrap();
-        }
-        for face in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
-            let mut face: [i32; 4] = face.map(|corner| corner - 8);
-            if !inwards {
-                face.reverse();
-            }
-            writeln!(obj, "f {} {} {} {}", face[0], face[1], face[2], face[3]).unwrap();
-        }
+        write_box(&mut obj, name, bounds, (inwards, false), &motion);
     }
     std::fs::write(model, obj).unwrap();
 }
