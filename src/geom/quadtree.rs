@@ -1,7 +1,10 @@
 //! Shapes of quadtree elements: they follow from patch and path alone.
 //!
 //! Children of a triangle: its three corners in order, then the middle; of a quad: its four corners
-//! in order, cut at the edge midpoints and the mean of the corners.
+//! in order, cut at the edge midpoints and the mean of the corners. What is longer than four times its width is cut
+//! into four slices instead, or a skirting board of 5 m by 1 cm would take ten thousand elements of a tenth of a
+//! millimetre: slices lie in the order of the first or the second edge; those of a triangle from its shortest edge on,
+//! three quads and a triangle at the tip.
 
 use glam::DVec3;
 
@@ -27,52 +30,167 @@ pub fn element_polygon(patch: &PatchRecord, path: u32) -> Polygon {
     shape
 }
 
+/// How an element is cut into its four children.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Cut {
+    /// A quad at the middles of its edges.
+    Quarters,
+    /// A long quad into slices along its first edge.
+    AlongFirst,
+    /// A long quad into slices along its second edge.
+    AlongSecond,
+    /// A triangle at the middles of its edges.
+    Corners,
+    /// A needle into slices from its shortest edge, which begins at that corner, to the corner opposite.
+    Needle(usize),
+}
+
+/// Length of what is sliced, in widths: slices are then no wider than they are long.
+const LONG: f64 = 4.0;
+
+impl Cut {
+    fn of(shape: &Polygon) -> Self {
+        let c = shape.corners();
+        if let [a, b, c, d] = *c {
+            // Twice the lines between the middles of opposite edges.
+            let (first, second) = ((b - a) + (c - d), (d - a) + (c - b));
+            let (first, second) = (first.length_squared(), second.length_squared());
+            return match () {
+                () if first >= LONG * LONG * second => Self::AlongFirst,
+                () if second >= LONG * LONG * first => Self::AlongSecond,
+                () => Self::Quarters,
+            };
+        }
+        let edge = |i: usize| c[i].distance_squared(c[(i + 1) % 3]);
+        let longest = edge(0).max(edge(1)).max(edge(2));
+        // So long that its height is a quarter of that.
+        if longest < LONG * shape.doubled_area_vector().length() {
+            return Self::Corners;
+        }
+        Self::Needle(if edge(0) <= edge(1) && edge(0) <= edge(2) { 0 } else { 1 + usize::from(edge(2) < edge(1)) })
+    }
+
+    /// Corners of a child, and how many they are; `mix(a, b, k)` lies k quarters of the way from a to b.
+    fn child<P: Copy>(self, c: &[P], quarter: u32, mix: impl Fn(P, P, u32) -> P) -> ([P; 4], usize) {
+        let (here, there) = (quarter, quarter + 1);
+        let middle = |i: usize, j: usize| mix(c[i], c[j], 2);
+        match self {
+            Self::AlongFirst => {
+                let [a, b] = [here, there].map(|k| mix(c[0], c[1], k));
+                let [d, e] = [here, there].map(|k| mix(c[3], c[2], k));
+                ([a, b, e, d], 4)
+            }
+            Self::AlongSecond => {
+                let [a, b] = [here, there].map(|k| mix(c[0], c[3], k));
+                let [d, e] = [here, there].map(|k| mix(c[1], c[2], k));
+                ([a, d, e, b], 4)
+            }
+            Self::Quarters => {
+                let (ab, bc, cd, da) = (middle(0, 1), middle(1, 2), middle(2, 3), middle(3, 0));
+                let centre = mix(ab, cd, 2);
+                let corners = match quarter {
+                    0 => [c[0], ab, centre, da],
+                    1 => [ab, c[1], bc, centre],
+                    2 => [centre, bc, c[2], cd],
+                    _ => [da, centre, cd, c[3]],
+                };
+                (corners, 4)
+            }
+            Self::Corners => {
+                let (ab, bc, ca) = (middle(0, 1), middle(1, 2), middle(2, 0));
+                let [a, b, c] = match quarter {
+                    0 => [c[0], ab, ca],
+                    1 => [ab, c[1], bc],
+                    2 => [ca, bc, c[2]],
+                    _ => [bc, ca, ab],
+                };
+                ([a, b, c, c], 3)
+            }
+            Self::Needle(base) => {
+                let (p, r, tip) = (c[base], c[(base + 1) % 3], c[(base + 2) % 3]);
+                let [a, b] = [here, there].map(|k| mix(p, tip, k));
+                let [d, e] = [here, there].map(|k| mix(r, tip, k));
+                if quarter == 3 { ([a, d, tip, tip], 3) } else { ([a, d, e, b], 4) }
+            }
+        }
+    }
+}
+
+fn mixed(a: DVec3, b: DVec3, quarters: u32) -> DVec3 {
+    (a * f64::from(4 - quarters) + b * f64::from(quarters)) * 0.25
+}
+
 /// Child `quarter` (0..4) of an element's shape.
 #[must_use]
 pub fn child(shape: &Polygon, quarter: u32) -> Polygon {
-    let c = shape.corners();
-    let mid = |i: usize, j: usize| (c[i] + c[j]) * 0.5;
-    if c.len() == 3 {
-        let (ab, bc, ca) = (mid(0, 1), mid(1, 2), mid(2, 0));
-        return match quarter {
-            0 => Polygon::new(&[c[0], ab, ca]),
-            1 => Polygon::new(&[ab, c[1], bc]),
-            2 => Polygon::new(&[ca, bc, c[2]]),
-            _ => Polygon::new(&[bc, ca, ab]),
-        };
-    }
-    let (ab, bc, cd, da) = (mid(0, 1), mid(1, 2), mid(2, 3), mid(3, 0));
-    let centre = shape.centre();
-    match quarter {
-        0 => Polygon::new(&[c[0], ab, centre, da]),
-        1 => Polygon::new(&[ab, c[1], bc, centre]),
-        2 => Polygon::new(&[centre, bc, c[2], cd]),
-        _ => Polygon::new(&[da, centre, cd, c[3]]),
-    }
+    let (corners, count) = Cut::of(shape).child(shape.corners(), quarter, mixed);
+    Polygon::new(&corners[..count])
+}
+
+/// Child `quarter` of an element's shape, and of its corners on a grid; `mix` as for shapes.
+pub(super) fn child_on_grid<P: Copy>(
+    shape: &Polygon,
+    grid: &[P; 4],
+    quarter: u32,
+    mix: impl Fn(P, P, u32) -> P,
+) -> (Polygon, [P; 4]) {
+    let cut = Cut::of(shape);
+    let (corners, count) = cut.child(shape.corners(), quarter, mixed);
+    (Polygon::new(&corners[..count]), cut.child(grid, quarter, mix).0)
+}
+
+/// A quarter of a shape, cut at the middles of its edges however long it is: what tells whether light differs
+/// along it and across.
+#[must_use]
+pub fn quarter(shape: &Polygon, quarter: u32) -> Polygon {
+    let cut = if shape.corners().len() == 3 { Cut::Corners } else { Cut::Quarters };
+    let (corners, count) = cut.child(shape.corners(), quarter, mixed);
+    Polygon::new(&corners[..count])
+}
+
+/// Longest edge that the children of a shape have, m; of a needle's first about so.
+#[must_use]
+pub fn child_edge_m(shape: &Polygon) -> f64 {
+    let parts = if matches!(Cut::of(shape), Cut::Quarters | Cut::Corners) { 2.0 } else { LONG };
+    shape.longest_edge() / parts
 }
 
 /// The child of `shape` that holds `point`, which lies on it.
 #[must_use]
 pub fn child_at(shape: &Polygon, point: DVec3) -> u32 {
-    let normal = shape.normal();
-    let inside_by = |quarter: u32| {
-        let quarter_shape = child(shape, quarter);
-        let c = quarter_shape.corners();
-        (0..c.len())
-            .map(|i| {
-                let edge = c[(i + 1) % c.len()] - c[i];
-                normal.cross(edge).dot(point - c[i]) / edge.length().max(f64::MIN_POSITIVE)
-            })
-            .fold(f64::INFINITY, f64::min)
+    let normal = shape.doubled_area_vector();
+    let c = shape.corners();
+    // Whether the point lies to the left of a line.
+    let is_left = |from: DVec3, to: DVec3| normal.cross(to - from).dot(point - from) >= 0.0;
+    let slice = |ends: &dyn Fn(u32) -> (DVec3, DVec3)| {
+        let is_past = |k: u32| {
+            let (right, left) = ends(k);
+            !is_left(right, left)
+        };
+        if is_past(2) { 2 + u32::from(is_past(3)) } else { u32::from(is_past(1)) }
     };
-    let mut best = (0, f64::NEG_INFINITY);
-    for quarter in 0..4 {
-        let depth = inside_by(quarter);
-        if depth > best.1 {
-            best = (quarter, depth);
+    match Cut::of(shape) {
+        Cut::Quarters => {
+            let (ab, bc, cd, da) =
+                (mixed(c[0], c[1], 2), mixed(c[1], c[2], 2), mixed(c[2], c[3], 2), mixed(c[3], c[0], 2));
+            match (is_left(ab, cd), is_left(da, bc)) {
+                (true, false) => 0,
+                (false, false) => 1,
+                (false, true) => 2,
+                (true, true) => 3,
+            }
+        }
+        Cut::AlongFirst => slice(&|k| (mixed(c[0], c[1], k), mixed(c[3], c[2], k))),
+        Cut::AlongSecond => slice(&|k| (mixed(c[1], c[2], k), mixed(c[0], c[3], k))),
+        Cut::Needle(base) => {
+            let (p, r, tip) = (c[base], c[(base + 1) % 3], c[(base + 2) % 3]);
+            slice(&|k| (mixed(r, tip, k), mixed(p, tip, k)))
+        }
+        Cut::Corners => {
+            let (ab, bc, ca) = (mixed(c[0], c[1], 2), mixed(c[1], c[2], 2), mixed(c[2], c[0], 2));
+            [(ab, ca), (bc, ab), (ca, bc)].iter().position(|(from, to)| is_left(*from, *to)).map_or(3, |i| i as u32)
         }
     }
-    best.0
 }
 
 #[cfg(test)]
@@ -93,17 +211,40 @@ mod tests {
     fn children_tile_their_parent_with_its_normal() {
         let quad = patch(&[[0., 0., 0.], [3., 0., 0.], [2., 2., 0.], [0., 1., 0.]]);
         let triangle = patch(&[[0., 0., 1.], [3., 0., 0.], [2., 2., 0.]]);
-        for record in [quad, triangle] {
+        let strip = patch(&[[0., 0., 0.], [0.1, 0., 0.], [0.12, 7., 0.], [0., 8., 0.]]);
+        let board = patch(&[[0., 0., 0.], [40., 0., 9.], [40., 1., 9.], [0., 1., 0.]]);
+        let needle = patch(&[[0., 0., 1.], [3., 0., 1.], [0., 0.1, 1.]]);
+        let cap = patch(&[[0., 0., 1.], [3., 0., 1.], [1.4, 0.1, 1.]]);
+        for record in [quad, triangle, strip, board, needle, cap] {
             let whole = patch_polygon(&record);
-            for path in [1, 4, 0b1_11, 0b1_10_01] {
+            for path in [1, 4, 0b1_11, 0b1_10_01, 0b1_10_01_11_00] {
                 let shape = element_polygon(&record, path);
                 let sum: f64 = (0..4).map(|q| child(&shape, q).area()).sum();
                 assert!((sum - shape.area()).abs() < 1e-12 * shape.area(), "{path:b}: {sum} {}", shape.area());
                 assert!((shape.normal() - whole.normal()).length() < 1e-6);
                 for q in 0..4 {
-                    assert_eq!(child_at(&shape, child(&shape, q).centroid()), q);
+                    let part = child(&shape, q);
+                    assert_eq!(child_at(&shape, part.centroid()), q, "{path:b} {shape:?}");
+                    assert!((part.normal() - whole.normal()).length() < 1e-6);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn long_shapes_take_as_many_elements_as_they_are_long() {
+        fn count(shape: &Polygon, smallest_m: f64) -> usize {
+            if child_edge_m(shape) < smallest_m {
+                return 1;
+            }
+            (0..4).map(|q| count(&child(shape, q), smallest_m)).sum()
+        }
+        let strip = patch_polygon(&patch(&[[0., 0., 0.], [5., 0., 0.], [5., 0.01, 0.], [0., 0.01, 0.]]));
+        let needle = patch_polygon(&patch(&[[0., 0., 0.], [5., 0., 0.], [0., 0.01, 0.]]));
+        let cap = patch_polygon(&patch(&[[0., 0., 0.], [5., 0., 0.], [2.6, 0.01, 0.]]));
+        for (shape, most) in [(strip, 64), (needle, 64), (cap, 512)] {
+            let parts = count(&shape, 0.05);
+            assert!((16..=most).contains(&parts), "{parts} parts of {shape:?}");
         }
     }
 }

@@ -19,8 +19,10 @@ pub struct LightHead {
     pub layer: u32,
     /// First element of each depth 0..=14, then the number of elements.
     pub level_start: [u32; 16],
-    /// 0.
-    pub reserved: [u32; 2],
+    /// Tells which places light leaves: the same as long as these are the same, however they are divided.
+    pub lit: u32,
+    /// The same of all clusters in sight when leaves were last asked whether they see light; 0: never.
+    pub seen: u32,
 }
 
 /// Light of an element.

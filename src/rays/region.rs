@@ -31,7 +31,7 @@ pub struct Cuts<'a> {
     known: RefCell<Vec<(NodeName, bool)>>,
 }
 
-const KNOWN: usize = 1 << 15;
+const KNOWN: usize = 1 << 17;
 
 impl<'a> Cuts<'a> {
     /// Nothing known yet. No element edge is below `min_element_m`.
@@ -82,11 +82,14 @@ impl<'a> Cuts<'a> {
 /// touch it still stands on it: real walls end some millimetres above their floors.
 const GAP_SHARE: f64 = 0.05;
 
+/// Highest that this is, m: a tube stands no farther before its reflector.
+const HIGHEST_GAP_M: f64 = 0.01;
+
 /// Heights over an element at which something that stands on it is met: just above what lies in its
 /// plane, and above gaps too narrow for elements of this size to tell.
 fn heights(scene: &RayScene<'_>, min_element_m: f64) -> [f64; 2] {
     let low = 2.0 * scene.snap_m();
-    [low, low.max(GAP_SHARE * min_element_m)]
+    [low, low.max((GAP_SHARE * min_element_m).min(HIGHEST_GAP_M))]
 }
 
 impl Region {

@@ -12,28 +12,30 @@ use crate::geom::polygon::Polygon;
 /// Corner values of a patch side.
 pub struct SmoothSide {
     corners: HashMap<GridPoint, (Rgb, f64)>,
-    corner_count: usize,
+    patch: Polygon,
 }
 
 impl SmoothSide {
-    /// From the side's leaves and what each has.
+    /// From its patch, the side's leaves and what each has.
     #[must_use]
-    pub fn new(corner_count: usize, leaves: impl Iterator<Item = (NodeName, Rgb)>) -> Self {
+    pub fn new(patch: Polygon, leaves: impl Iterator<Item = (NodeName, Rgb)>) -> Self {
         let mut corners: HashMap<GridPoint, (Rgb, f64)> = HashMap::new();
         for (leaf, value) in leaves {
-            for point in &element_corners(corner_count, leaf.path())[..corner_count] {
+            let (points, count) = element_corners(&patch, leaf.path());
+            for point in &points[..count] {
                 let at = corners.entry(*point).or_default();
                 at.0 += value;
                 at.1 += 1.0;
             }
         }
-        Self { corners, corner_count }
+        Self { corners, patch }
     }
 
     /// Values at a leaf's corners.
     #[must_use]
     pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
-        element_corners(self.corner_count, leaf.path())
+        element_corners(&self.patch, leaf.path())
+            .0
             .map(|point| self.corners.get(&point).map_or(Rgb::BLACK, |(sum, count)| *sum * (1.0 / count)))
     }
 
@@ -42,7 +44,7 @@ impl SmoothSide {
     pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
         let values = self.at_corners(leaf);
         let weights = mean_value_weights(shape.corners(), point);
-        (0..self.corner_count).fold(Rgb::BLACK, |sum, i| sum + values[i] * weights[i])
+        (0..shape.corners().len()).fold(Rgb::BLACK, |sum, i| sum + values[i] * weights[i])
     }
 }
 

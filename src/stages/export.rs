@@ -12,7 +12,7 @@ use super::entry;
 use super::leaves::{self, Leaf, SideMesh};
 use super::output::{self, Output};
 use super::working_set::WorkingSet;
-use crate::base::{Error, Progress, Result, Rgb, lux};
+use crate::base::{Error, PatchSide, Progress, Result, Rgb, lux};
 use crate::formats::glb::{GlbFacts, GlbMesh, GlbWriter};
 use crate::formats::leaf_csv::{self, LeafRow};
 use crate::formats::ply::{PlyVertex, PlyWriter};
@@ -227,7 +227,7 @@ impl Walk<'_, '_> {
     fn ply_patch(&self, view: &ClusterView<'_>, patch: usize, exposure: f64, ply: &mut PlyWriter) -> Result<u64> {
         let meshes: Vec<SideMesh> = [2 * patch, 2 * patch + 1]
             .into_iter()
-            .filter_map(|i| SideMesh::new(&leaves::of_side(view, crate::base::PatchSide::from_index(i))))
+            .filter_map(|i| SideMesh::new(view, PatchSide::from_index(i)))
             .collect();
         let lit = meshes.iter().any(|m| !m.is_dark());
         let mut elements = 0;
@@ -270,8 +270,7 @@ impl Walk<'_, '_> {
         let (mut mesh, mut elements) = (GlbMesh::default(), 0);
         let narrow = |p: [f64; 3]| self.upright(p).map(|x| (x + 0.0) as f32);
         for side in leaves::sides(view) {
-            let leaves = leaves::of_side(view, side);
-            let Some(of_side) = SideMesh::new(&leaves) else { continue };
+            let Some(of_side) = SideMesh::new(view, side) else { continue };
             let first = mesh.positions.len() as u32;
             for (place, radiosity) in &of_side.vertices {
                 mesh.positions.push(narrow(*place));
@@ -279,7 +278,7 @@ impl Walk<'_, '_> {
                 mesh.radiosity.push(radiosity.to_f32());
             }
             mesh.indices.extend(of_side.triangles().flatten().map(|v| first + v));
-            elements += leaves.len() as u64;
+            elements += of_side.faces.len() as u64;
         }
         (mesh, elements)
     }

@@ -62,6 +62,8 @@ struct Refined {
     stored_changed: bool,
     /// Bytes of the chain of link extents that the rows came from; 0 if there is none.
     chain_bytes: u64,
+    /// See [`crate::model::light::LightHead`].
+    seen: u32,
     counts: Counts,
 }
 
@@ -84,7 +86,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
     pub fn solve(&self, clusters: &[ClusterId], writer: &mut SegmentWriter) -> Result<Solved> {
         let mut report = TaskReport { complete: self.settings.scope == Scope::Everything, ..TaskReport::default() };
         let mut rows = Vec::new();
-        let (mut members, mut closures) = (Vec::new(), Vec::new());
+        let (mut members, mut closures, mut seen) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = 0;
         self.progress.begin("refine", "clusters", Some(clusters.len() as u64));
         for (done, &id) in clusters.iter().enumerate() {
@@ -97,6 +99,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             if self.settings.keep_links && refined.stored_changed {
                 rows.push(write_links(id, &refined, writer)?);
             }
+            seen.push(refined.seen);
             let Refined { mesh, rows: written, closure, lift, .. } = refined;
             let member = member(self.set, id, mesh, lift, &closure, first)?;
             first += member.mesh.node_count();
@@ -111,7 +114,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         // New links are read back through the mapping, like old ones.
         writer.sync()?;
         self.gather_and_relax(clusters, &mut members, &rows, &mut report)?;
-        self.write_light(clusters, &members, writer, &mut rows)?;
+        self.write_light(clusters, &members, &seen, writer, &mut rows)?;
         for (member, closure) in members.iter().zip(&closures) {
             count_energy(member, closure, &mut report);
         }
@@ -150,7 +153,11 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let (visible, head) = self.set.visible(id)?;
         let mut receiver = Receiver::new(view, mesh, rows);
         receiver.refine(&context, &visible)?;
-        let sealed = receiver.sealed_leaves(&context)?;
+        // What saw no light sees none as long as no other place is lit.
+        let seen = seal::lit_in_sight(self.set, &visible)?;
+        let dark_before = known.values().filter(|c| seen == view.light.head.seen && closure::is_sealed(c));
+        let dark_before = dark_before.map(|c| NodeName(c.leaf)).collect();
+        let sealed = receiver.sealed_leaves(&context, &dark_before)?;
         let mut counts = receiver.counts;
         let patches = view.geometry.patches;
         let emits = |leaf: NodeName| view.emits(leaf);
@@ -178,7 +185,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
         let Receiver { mesh, rows, changed, .. } = receiver;
-        Ok(Refined { mesh, rows, closure, lift, changed, stored_changed, chain_bytes, counts })
+        Ok(Refined { mesh, rows, closure, lift, changed, stored_changed, chain_bytes, seen, counts })
     }
 
     fn gather_and_relax(
@@ -220,13 +227,14 @@ impl<'a, 's> GroupSolver<'a, 's> {
         &self,
         clusters: &[ClusterId],
         members: &[Member],
+        seen: &[u32],
         writer: &mut SegmentWriter,
         rows: &mut Vec<UpdateRow>,
     ) -> Result<()> {
-        for (&id, member) in clusters.iter().zip(members) {
+        for ((&id, member), &seen) in clusters.iter().zip(members).zip(seen) {
             let loaded = self.set.mapped(id)?;
             let view = loaded.view();
-            let payload = records::encode(&member.mesh, &view.geometry, view.materials);
+            let payload = records::encode(&member.mesh, &view.geometry, view.materials, seen);
             if payload != loaded.light_payload() {
                 let at = writer.append(ExtentKind::Radiosity, id.0, &payload)?;
                 rows.push(UpdateRow { cluster: id, kind: ExtentKind::Radiosity, delta: false, at });

@@ -3,7 +3,7 @@
 use crate::base::{NodeName, PatchSide, Rgb};
 use crate::geom::grid::{GridPoint, element_corners};
 use crate::geom::polygon::Polygon;
-use crate::geom::quadtree::element_polygon;
+use crate::geom::quadtree::{element_polygon, patch_polygon};
 use crate::render::smooth::SmoothSide;
 use crate::transport::source::ClusterView;
 
@@ -64,21 +64,22 @@ pub struct SideMesh {
 }
 
 impl SideMesh {
-    /// From the side's leaves; `None` if there are none.
+    /// From its leaves; `None` if there are none.
     #[must_use]
-    pub fn new(leaves: &[Leaf]) -> Option<Self> {
+    pub fn new(view: &ClusterView<'_>, at: PatchSide) -> Option<Self> {
+        let leaves = of_side(view, at);
         let first = leaves.first()?;
-        let corner_count = first.shape.corners().len();
-        let smooth = SmoothSide::new(corner_count, leaves.iter().map(|l| (l.name, l.radiosity)));
+        let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
+        let smooth = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
         let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();
         let mut mesh = Self {
             vertices: Vec::new(),
             normal: first.shape.normal().to_array(),
             faces: Vec::with_capacity(leaves.len()),
         };
-        for leaf in leaves {
+        for leaf in &leaves {
             let values = smooth.at_corners(leaf.name);
-            let points = element_corners(corner_count, leaf.name.path());
+            let (points, corner_count) = element_corners(&patch, leaf.name.path());
             let is_back = leaf.name.patch_side().side == 1;
             let mut face = Vec::with_capacity(corner_count);
             for (i, corner) in leaf.shape.corners().iter().enumerate() {

@@ -300,8 +300,8 @@ impl<'s> Eye<'s> {
         let key = (view.id.0, at.index());
         if !self.smooth.contains(&key) {
             let leaves = leaves::of_side(view, at);
-            let corners = usize::from(view.geometry.patches[usize::from(at.patch)].corner_count);
-            let side = SmoothSide::new(corners, leaves.iter().map(|l| (l.name, l.radiosity)));
+            let patch = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
+            let side = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
             let bytes = leaves.len() * LEAF_BYTES;
             self.smooth.put(key, (side, bytes));
             self.bytes += bytes;

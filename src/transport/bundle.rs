@@ -197,7 +197,7 @@ impl<'a> Starts<'a> {
     /// Of a bundle.
     #[must_use]
     pub fn new(of: &'a Bundle) -> Self {
-        let quarters = |node: &Node| std::array::from_fn(|q| quadtree::child(&node.shape, q as u32));
+        let quarters = |node: &Node| std::array::from_fn(|q| quadtree::quarter(&node.shape, q as u32));
         Self { of, quarters: of.as_element().map(quarters) }
     }
 

@@ -154,6 +154,12 @@ pub fn rows(
     out
 }
 
+/// Whether a leaf's row was closed as that of a sealed one.
+#[must_use]
+pub fn is_sealed(closed: &LeafClosure) -> bool {
+    closed.own_scale == 0.0 && closed.above_scale == 0.0
+}
+
 /// Closes a leaf's row.
 #[must_use]
 pub fn close(leaf: NodeName, row: &Row) -> LeafClosure {

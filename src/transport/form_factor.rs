@@ -109,7 +109,7 @@ fn rule(shape: &Polygon, normal: DVec3, source: &Polygon, source_normal: DVec3) 
     } else {
         // The degree-3 rule with a negative weight is no average; four equal cells are.
         for (i, value) in values.iter_mut().enumerate() {
-            *value = at_point(quadtree::child(shape, i as u32).centroid(), normal, source, source_normal);
+            *value = at_point(quadtree::quarter(shape, i as u32).centroid(), normal, source, source_normal);
         }
     }
     let total: f64 = weights.iter().sum();

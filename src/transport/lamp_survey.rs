@@ -14,7 +14,7 @@ use super::lamp_list::{Aim, LampTree, Lamps, Place, is_close_lamp, target};
 use super::link_rows::Link;
 use super::refine::{Context, Receiver};
 use super::sight::{Mean, smallest_region};
-use super::source::ClusterView;
+use super::source_memo::KnownSource;
 use super::survey::{self, DARK, FINAL, LARGE, Lit, PILOT, RAYS, Verdict, can_divide};
 use super::survey_row::{Worth, pack_quarters, worth};
 use crate::base::{ClusterId, Error, NodeName, Result, Rgb};
@@ -25,7 +25,7 @@ use crate::rays::region::Region;
 use crate::rays::traverse::Nearest;
 
 /// Share of the smallest element's edge down to which elements near lamps are divided.
-const BRIGHT_FLOOR: f64 = 0.5;
+const BRIGHT_FLOOR: f64 = 0.125;
 
 /// Rays that would be enough for an element beyond which it is divided instead.
 const MOST_WANTED: u64 = 16 * RAYS.1;
@@ -43,6 +43,8 @@ struct Found {
     visible: f64,
     /// Standard error that as many rays as are cast at most would leave if nothing stood in between, relative.
     unevenness: f64,
+    /// How much what arrives at the part of the receiver that its row does not stand for changes its mean, W/m2.
+    elsewhere_w_m2: f64,
 }
 
 /// One ray that arrived.
@@ -71,8 +73,8 @@ impl Receiver<'_> {
         let pilot = self.draw(context, r, region.as_ref(), lamps, RAYS.0, PILOT)?;
         let mut worth = worth(&pilot.row, self.irradiance_of(r.name));
         // Near a lamp what would arrive changes so much from place to place that no number of rays tells the mean.
-        worth.gradient = worth.gradient.max(worth.irradiance * pilot.unevenness);
-        let verdict = self.lamp_verdict(context, r, region.is_some(), &worth);
+        worth.gradient = worth.gradient.max(worth.irradiance * pilot.unevenness).max(pilot.elsewhere_w_m2);
+        let verdict = self.lamp_verdict(context, r, &worth);
         let may_come = pilot.unoccluded_w_m2 > DARK * context.tolerances.row_w_m2;
         let straddles = r.as_element().is_none() && pilot.visible < 0.5 && may_come;
         match verdict {
@@ -95,10 +97,9 @@ impl Receiver<'_> {
     /// As for other surveys, where much light is with smaller elements. But sides below a sector node face different
     /// ways, which no number of rays mends; and noise that rays do not get rid of hides that few places see a lamp,
     /// whose light would be spread over all.
-    fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, is_part: bool, worth: &Worth) -> Verdict {
+    fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
         let floor_m = context.tolerances.min_element_m;
-        // An element that stands for a part of itself is not divided: its quarters would stand for others.
-        let smallest_m = if is_part { floor_m } else { BRIGHT_FLOOR * floor_m };
+        let smallest_m = BRIGHT_FLOOR * floor_m;
         let large_m = LARGE * floor_m;
         let most = match r.as_element() {
             None => RAYS.0,
@@ -125,18 +126,16 @@ impl Receiver<'_> {
                 (rays, error) = (link.uncertainty as u64, f64::from(link.spread));
                 continue;
             }
-            let loaded = context.clusters.cluster(link.source.cluster())?;
-            if link.class == Visibility::Surveyed && holds(&loaded.view(), link) {
-                let radiosity = loaded.view().source(link.source).radiosity;
-                pilot.push((Link { form_factor: link.uncertainty, ..*link }, radiosity));
+            let source = self.sources.source(context.clusters, link.source)?;
+            if link.class == Visibility::Surveyed && holds(&source, link) {
+                pilot.push((Link { form_factor: link.uncertainty, ..*link }, source.light.radiosity));
             }
         }
         set_errors(&mut pilot, error);
         let own = self.view;
         let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
         let worth = worth(&pilot, self.irradiance_of(r.name));
-        let is_part = r.as_element().is_some_and(|n| smallest_region(context.cuts, n).is_some());
-        let verdict = self.lamp_verdict(context, &r, is_part, &worth);
+        let verdict = self.lamp_verdict(context, &r, &worth);
         if matches!(verdict, Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
             return Ok(true);
         }
@@ -166,7 +165,7 @@ impl Receiver<'_> {
         let scene = context.cuts.scene();
         let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt ^ SALT);
         let mut aims = Aims::new(r);
-        let mut tally = Tally::default();
+        let (mut tally, mut elsewhere) = (Tally::default(), Mean::default());
         let mut arrivals = Vec::new();
         for index in 0..4 * count {
             if tally.rays == count {
@@ -175,18 +174,21 @@ impl Receiver<'_> {
             let [a, b, c, d] = sequence.point(index);
             let quarter = (index % 4) as usize;
             let (polygon, side, from) = aims.starts.draw(quarter, [a, b]);
-            if region.is_some_and(|region| !region.holds(scene, from)) {
+            let is_elsewhere = region.is_some_and(|region| !region.holds(scene, from));
+            if is_elsewhere && salt != PILOT {
                 continue;
             }
             let (normal, end) = (side.node.normal, &side.node.end);
             let Some(aim) = aims.aim(lamps, polygon, normal, from) else {
-                tally.add(quarter, 0.0, 0.0);
+                if is_elsewhere { elsewhere.add(0.0) } else { tally.add(quarter, 0.0, 0.0) }
                 continue;
             };
             let (mut arrives, mut expected) = (0.0, 0.0);
             let mut arrive = |arrives: &mut f64, lamp: NodeName, form_factor: f64, exitance: f64| {
                 *arrives += form_factor * exitance;
-                arrivals.push(Arrival { lamp, quarter, form_factor });
+                if !is_elsewhere {
+                    arrivals.push(Arrival { lamp, quarter, form_factor });
+                }
             };
             if let Some(drawn) = lamps.draw(&aim, from, normal, c)?
                 && let Some(target) = target(&drawn.bundle, from, normal, [drawn.rest, d])
@@ -205,7 +207,7 @@ impl Receiver<'_> {
                     arrive(&mut arrives, lamp, 1.0, exitance);
                 }
             }
-            tally.add(quarter, arrives, expected);
+            if is_elsewhere { elsewhere.add(arrives) } else { tally.add(quarter, arrives, expected) }
         }
         let row = to_links(context, arrivals, &tally)?;
         let unoccluded_w_m2 = tally.mean_expected_w_m2();
@@ -215,6 +217,7 @@ impl Receiver<'_> {
             unoccluded_w_m2,
             visible: tally.visible_share(),
             unevenness: relative_error(&tally.expected) * (count as f64 / RAYS.1 as f64).sqrt(),
+            elsewhere_w_m2: tally.difference_w_m2(&elsewhere),
         };
         set_errors(&mut found.row, found.error);
         Ok(found)
@@ -274,9 +277,9 @@ pub fn is_mark(link: &Link) -> bool {
         && link.spread <= 1.0
 }
 
-/// Whether a surveyed link, of a source in `view`, is part of a survey of lamps: its mark, or to an emitter.
-pub(super) fn holds(view: &ClusterView<'_>, link: &Link) -> bool {
-    is_mark(link) || (!survey::is_mark(link) && view.emits(link.source))
+/// Whether a surveyed link to a source is part of a survey of lamps: its mark, or to an emitter.
+pub(super) fn holds(source: &KnownSource, link: &Link) -> bool {
+    is_mark(link) || (!survey::is_mark(link) && source.emits)
 }
 
 /// Where rays to lamps go from each polygon of a receiver, once that was asked: `None` where no lamp can be seen.
@@ -320,6 +323,14 @@ impl Tally {
 
     fn mean_expected_w_m2(&self) -> f64 {
         sum(&self.expected) / self.rays.max(1) as f64
+    }
+
+    /// How much what arrives elsewhere changes the mean of all, beyond noise.
+    fn difference_w_m2(&self, elsewhere: &Mean) -> f64 {
+        let here = sum(&self.arrives) / self.rays.max(1) as f64;
+        let noise = (here * relative_error(&self.arrives)).hypot(elsewhere.error());
+        let share = elsewhere.count / (elsewhere.count + self.rays as f64).max(1.0);
+        share * ((elsewhere.mean() - here).abs() - 2.0 * noise).max(0.0)
     }
 
     fn visible_share(&self) -> f64 {

@@ -180,7 +180,7 @@ fn look(
 fn sample(context: &Context<'_>, r: &Node, lamp: &Bundle, clear: &Sight, care: Care, rays: &mut u64) -> (Sight, u64) {
     let scene = context.cuts.scene();
     let region = sight::smallest_region(context.cuts, r);
-    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
+    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::quarter(&r.shape, q as u32));
     let sequence = Sequence::new(mix(care.seed ^ mix(r.name.0)) ^ lamp.name.0);
     let softening = 2e-3 * lamp.area_m2 / lamp.sides().len() as f64;
     sight::cast(care, clear, None, |index, tally| {

@@ -26,6 +26,7 @@ pub mod seal;
 pub mod sectors;
 pub mod sight;
 pub mod source;
+mod source_memo;
 pub mod survey;
 pub mod survey_row;
 

@@ -41,8 +41,8 @@ pub enum Verdict {
 pub struct Case {
     /// Receiver's area, m2.
     pub receiver_area_m2: f64,
-    /// Receiver's longest edge, m.
-    pub receiver_edge_m: f64,
+    /// Longest edge of the receiver's children, m.
+    pub child_edge_m: f64,
     /// Whether the receiver has levels left.
     pub receiver_has_levels: bool,
     /// Whether the source emits, the receiver is far darker and a wall stands on the source: the
@@ -67,7 +67,7 @@ pub fn strength(source: Rgb, receiver_irradiance: Rgb, receiver_spread: f64) -> 
 #[must_use]
 pub fn can_split(case: &Case, tolerances: &Tolerances, excess: f64) -> bool {
     let floor = tolerances.min_element_m;
-    case.receiver_has_levels && 0.5 * case.receiver_edge_m >= floor && excess * case.receiver_area_m2 > floor * floor
+    case.receiver_has_levels && case.child_edge_m >= floor && excess * case.receiver_area_m2 > floor * floor
 }
 
 /// Share of a row's error below which no light is worth following through a cut element.
@@ -89,7 +89,7 @@ pub fn judge(sight: &Sight, strength: f64, source: &SourceLight, case: &Case, to
         return if is_negligible { Verdict::Withhold } else { Verdict::SplitSource };
     }
     let in_part = sight.class == Visibility::Partial || sight.spread >= 0.99 * sight.form_factor;
-    let levels_left = case.receiver_has_levels && 0.5 * case.receiver_edge_m >= tolerances.min_element_m;
+    let levels_left = case.receiver_has_levels && case.child_edge_m >= tolerances.min_element_m;
     if case.receiver_is_cut && in_part && levels_left && most > 0.0 {
         return if is_negligible { Verdict::Withhold } else { Verdict::SplitReceiver };
     }

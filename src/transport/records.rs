@@ -3,13 +3,14 @@
 use super::mesh::Mesh;
 use crate::base::Rgb;
 use crate::geom::quadtree;
+use crate::geom::sequence::mix;
 use crate::model::geometry::{GeometryView, NONE, SideMaterial, sector_of};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
 
-/// The payload of the mesh's radiosity extent.
+/// The payload of the mesh's radiosity extent; `seen` as in [`LightHead`].
 #[must_use]
-pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial]) -> Vec<u8> {
+pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial], seen: u32) -> Vec<u8> {
     let mut elements: Vec<(u32, ElementLight)> = mesh
         .elements
         .iter()
@@ -23,9 +24,32 @@ pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMateria
     for depth in 0..15u32 {
         level_start[depth as usize + 1] = elements.partition_point(|(d, _)| *d <= depth) as u32;
     }
-    let head = LightHead { channels: 3, layer: 0, level_start, reserved: [0; 2] };
+    let head = LightHead { channels: 3, layer: 0, level_start, lit: lit(mesh, materials), seen };
     let elements: Vec<ElementLight> = elements.into_iter().map(|(_, light)| light).collect();
     ArraysBuilder::default().with(&[head]).with(&sectors(mesh, geometry, materials)).with(&elements).finish()
+}
+
+/// See [`LightHead`]: of the largest elements that light leaves all over.
+fn lit(mesh: &Mesh, materials: &[SideMaterial]) -> u32 {
+    let mut is_lit = vec![true; mesh.elements.len()];
+    let mut sum = 0;
+    // Children lie behind their parents.
+    for (at, element) in mesh.elements.iter().enumerate().rev() {
+        if element.is_leaf() {
+            let material = &materials[element.name.patch_side().index()];
+            let reflected = Rgb::from_f32(material.rho).times(element.irradiance);
+            is_lit[at] = !(Rgb::from_f32(material.exitance) + reflected).is_black();
+            continue;
+        }
+        let first = element.first_child as usize;
+        is_lit[at] = is_lit[first..first + 4].iter().all(|lit| *lit);
+        if !is_lit[at] {
+            let children = &mesh.elements[first..first + 4];
+            sum ^= children.iter().zip(&is_lit[first..]).filter(|c| *c.1).fold(0, |sum, c| sum ^ mix(c.0.name.0));
+        }
+    }
+    let roots = mesh.elements.iter().zip(is_lit).filter(|(element, is_lit)| element.parent == NONE && *is_lit);
+    roots.fold(sum, |sum, (element, _)| sum ^ mix(element.name.0)) as u32
 }
 
 /// Light of one patch side's root.

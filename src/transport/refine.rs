@@ -10,9 +10,11 @@ use super::oracle::{self, Case, Tolerances, Verdict};
 use super::pairs::Sources;
 use super::sight::{self, Care, Known, Sight};
 use super::source::{ClusterView, Clusters};
+use super::source_memo::{KnownSource, SourceMemo};
 use super::survey;
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::geom::quadtree;
 use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
 use crate::rays::node::Node;
@@ -74,6 +76,8 @@ pub struct Receiver<'a> {
     /// Whether so much is in sight that what does not emit is surveyed: a leaf's own rays tell then whether it is
     /// sealed, and links need not follow cuts.
     pub(super) surveys: bool,
+    /// Sources that links were tested against.
+    pub(super) sources: SourceMemo,
 }
 
 impl<'a> Receiver<'a> {
@@ -82,7 +86,7 @@ impl<'a> Receiver<'a> {
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
         let (cut, followed) = (vec![None; mesh.elements.len()], vec![false; mesh.elements.len()]);
-        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed, surveys: false }
+        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed, surveys: false, sources: SourceMemo::default() }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
@@ -245,7 +249,7 @@ impl<'a> Receiver<'a> {
     pub(super) fn case(&self, at: usize, r: &Node, source_variation: f64) -> Case {
         Case {
             receiver_area_m2: self.mesh.elements[at].area_m2,
-            receiver_edge_m: r.shape.longest_edge(),
+            child_edge_m: quadtree::child_edge_m(&r.shape),
             receiver_has_levels: r.name.depth() < MAX_DEPTH,
             may_be_sealed: false,
             receiver_is_cut: false,
@@ -269,14 +273,11 @@ impl<'a> Receiver<'a> {
                 let stays = match link.class {
                     Visibility::Surveyed if lamps_stay == survey_stays => survey_stays,
                     Visibility::Surveyed => {
-                        let loaded = context.clusters.cluster(link.source.cluster())?;
-                        if lamp_survey::holds(&loaded.view(), &link) { lamps_stay } else { survey_stays }
+                        let source = self.sources.source(context.clusters, link.source)?;
+                        if lamp_survey::holds(&source, &link) { lamps_stay } else { survey_stays }
                     }
                     Visibility::Hidden => true,
-                    _ => {
-                        let loaded = context.clusters.cluster(link.source.cluster())?;
-                        self.test_elements(context, &loaded.view(), position - self.mesh.sectors.len(), &link)
-                    }
+                    _ => self.test_elements(context, position - self.mesh.sectors.len(), &link)?,
                 };
                 if stays {
                     self.counts.reused += 1;
@@ -294,15 +295,21 @@ impl<'a> Receiver<'a> {
     }
 
     /// Tests a link between elements; one that does not hold is replaced by finer ones.
-    fn test_elements(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, link: &Link) -> bool {
+    fn test_elements(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<bool> {
+        let source = self.sources.source(context.clusters, link.source)?;
+        if self.is_surely_good(context, at, &source, link) {
+            return Ok(true);
+        }
+        let loaded = context.clusters.cluster(link.source.cluster())?;
+        let view = &loaded.view();
         let name = self.mesh.elements[at].name;
         let patch = &self.view.geometry.patches[usize::from(name.patch_side().patch)];
         let r = Node::at(self.view.id, patch, name);
-        let verdict = self.test(context, view, at, &r, link);
+        let verdict = self.test(context, view, at, &r, &source, link);
         let is_withheld = link.form_factor == 0.0;
         match verdict {
-            Verdict::Keep => return true,
-            Verdict::Withhold if is_withheld => return true,
+            Verdict::Keep => return Ok(true),
+            Verdict::Withhold if is_withheld => return Ok(true),
             Verdict::Withhold => self.keep(self.position(at), link.source, &sight_of(link).without_light()),
             Verdict::SplitReceiver if link.source.is_sector() => {
                 let lamp = Bundle::of(context.sides, view, link.source);
@@ -323,33 +330,46 @@ impl<'a> Receiver<'a> {
                 }
             }
         }
-        false
+        Ok(false)
     }
 
-    fn test(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, link: &Link) -> Verdict {
-        let source = view.source(link.source);
-        let strength = self.strength(at, source.radiosity);
+    /// Whether a bound on a link's error does, for which no shapes are needed.
+    fn is_surely_good(&self, context: &Context<'_>, at: usize, source: &KnownSource, link: &Link) -> bool {
+        let light = &source.light;
+        let strength = self.strength(at, light.radiosity);
         let sight = sight_of(link);
-        // The cheap bound first: shapes are needed only where it does not do.
         let bound = (0.5 * sight.spread + sight.uncertainty) * strength
-            + oracle::SOURCE_SIGN * sight.form_factor * source.spread * PARTIAL_VARIATION;
-        let dim = self.is_dim(at, source.radiosity);
-        let follows = view.emits(link.source) && !self.surveys;
-        if !(follows && ((dim && source.divided) || self.cut[at] == Some(true)))
+            + oracle::SOURCE_SIGN * sight.form_factor * light.spread * PARTIAL_VARIATION;
+        let dim = self.is_dim(at, light.radiosity);
+        let follows = source.emits && !self.surveys;
+        !(follows && ((dim && light.divided) || self.cut[at] == Some(true)))
             && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
-        {
-            return Verdict::Keep;
-        }
+    }
+
+    fn test(
+        &mut self,
+        context: &Context<'_>,
+        view: &ClusterView<'_>,
+        at: usize,
+        r: &Node,
+        source: &KnownSource,
+        link: &Link,
+    ) -> Verdict {
+        let light = &source.light;
+        let strength = self.strength(at, light.radiosity);
+        let sight = sight_of(link);
+        let dim = self.is_dim(at, light.radiosity);
+        let follows = source.emits && !self.surveys;
         self.find_out_whether_cut(context, at, r);
         if link.source.is_sector() {
             let case = self.case(at, r, PARTIAL_VARIATION);
-            return oracle::judge(&sight, strength, &source, &case, &context.tolerances);
+            return oracle::judge(&sight, strength, light, &case, &context.tolerances);
         }
         let s = node(view, link.source);
         let may_be_sealed = follows && dim && context.cuts.is_cut(&s);
         let receiver_is_cut = follows && self.cut[at] == Some(true);
         let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, variation(r, &s, link.class)) };
-        oracle::judge(&sight, strength, &source, &case, &context.tolerances)
+        oracle::judge(&sight, strength, light, &case, &context.tolerances)
     }
 }
 

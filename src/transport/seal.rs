@@ -11,7 +11,7 @@ use super::mesh::Mesh;
 use super::refine::{Context, Receiver, Scope};
 use super::sectors::{bring_down, sum_up};
 use super::sight::{is_smallest, smallest_region};
-use super::source::ClusterView;
+use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, NodeName, Result};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
@@ -29,8 +29,9 @@ const RAYS: u64 = 64;
 const SALT: u64 = 0x5ea1;
 
 impl Receiver<'_> {
-    /// The leaves that light is linked to and that see none.
-    pub fn sealed_leaves(&mut self, context: &Context<'_>) -> Result<HashSet<NodeName>> {
+    /// The leaves that light is linked to and that see none; `known` are those that are known to see none, if nothing
+    /// is linked to them.
+    pub fn sealed_leaves(&mut self, context: &Context<'_>, known: &HashSet<NodeName>) -> Result<HashSet<NodeName>> {
         let mut sealed = HashSet::new();
         // Where lights alone are sources, other links may be there from before: after a lamp has changed.
         let by_rays = context.scope == Scope::Everything || self.surveys;
@@ -61,7 +62,8 @@ impl Receiver<'_> {
             }
             let patch = &self.view.geometry.patches[usize::from(element.name.patch_side().patch)];
             let leaf = Node::at(self.view.id, patch, element.name);
-            let sees_light = by_rays && sees_light(context, &leaf, &mut self.counts.rays)?;
+            let may_see = by_rays && !known.contains(&element.name);
+            let sees_light = may_see && sees_light(context, &leaf, &mut self.counts.rays)?;
             if !sees_light && !self.is_lit_by_an_emitter(context, at, &mut lit_by_emitters)? {
                 sealed.insert(element.name);
             }
@@ -88,7 +90,7 @@ impl Receiver<'_> {
     }
 
     /// Whether an element or one above it is linked to an emitter; what has been asked is in `known`.
-    fn is_lit_by_an_emitter(&self, context: &Context<'_>, at: usize, known: &mut [Option<bool>]) -> Result<bool> {
+    fn is_lit_by_an_emitter(&mut self, context: &Context<'_>, at: usize, known: &mut [Option<bool>]) -> Result<bool> {
         if let Some(is_lit) = known[at] {
             return Ok(is_lit);
         }
@@ -96,11 +98,11 @@ impl Receiver<'_> {
         // Links of elements that do not follow cuts tell nothing of the parts.
         let above_tells = parent != NONE && !self.surveys;
         let mut is_lit = above_tells && self.is_lit_by_an_emitter(context, parent as usize, known)?;
-        for link in self.rows[self.position(at)].iter().filter(|link| link.form_factor > 0.0) {
+        for link in self.rows[self.mesh.sectors.len() + at].iter().filter(|link| link.form_factor > 0.0) {
             if is_lit {
                 break;
             }
-            is_lit = context.clusters.cluster(link.source.cluster())?.view().emits(link.source);
+            is_lit = self.sources.source(context.clusters, link.source)?.emits;
         }
         known[at] = Some(is_lit);
         Ok(is_lit)
@@ -127,6 +129,16 @@ pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
     let open_sectors_m2 = sum_up(mesh, |root| open_m2[root]);
     let above = mesh.sectors.iter().zip(open_sectors_m2);
     above.map(|(s, open)| if open > 0.0 { s.area_m2 / open } else { 1.0 }).chain(lift).collect()
+}
+
+/// Tells which places light leaves that a cluster may see: see [`crate::model::light::LightHead`].
+pub fn lit_in_sight(clusters: &dyn Clusters, visible: &[ClusterId]) -> Result<u32> {
+    let mut sum = 0;
+    for &id in visible {
+        sum = mix(sum ^ u64::from(clusters.cluster(id)?.view().light.head.lit));
+    }
+    // 0 stands for never.
+    Ok((sum as u32).max(1))
 }
 
 fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool> {

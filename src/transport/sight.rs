@@ -196,7 +196,7 @@ pub(super) fn judged(
 /// Whether an element is too short to be split.
 #[must_use]
 pub fn is_smallest(node: &Node, min_element_m: f64) -> bool {
-    0.5 * node.shape.longest_edge() < min_element_m
+    quadtree::child_edge_m(&node.shape) < min_element_m
 }
 
 /// The part that stands for an element too short to be split; `None` for larger ones, and if nothing cuts it.
@@ -276,7 +276,7 @@ impl Mean {
         self.squares += value * value;
     }
 
-    fn mean(&self) -> f64 {
+    pub(super) fn mean(&self) -> f64 {
         self.sum / self.count.max(1.0)
     }
 
@@ -286,7 +286,7 @@ impl Mean {
     }
 
     /// Standard error of the mean.
-    fn error(&self) -> f64 {
+    pub(super) fn error(&self) -> f64 {
         let variance = self.squares / self.count.max(1.0) - self.mean() * self.mean();
         (variance.max(0.0) / self.count.max(1.0)).sqrt()
     }
@@ -355,7 +355,7 @@ fn sample(
 ) -> (Sight, u64) {
     let scene = cuts.scene();
     let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
-    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::child(&r.shape, q as u32));
+    let quarters: [_; 4] = std::array::from_fn(|q| quadtree::quarter(&r.shape, q as u32));
     let cells = Cells::new(r, s);
     let s_is_smallest = is_smallest(s, cuts.min_element_m());
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));

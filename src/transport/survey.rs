@@ -205,9 +205,9 @@ impl Receiver<'_> {
                 rays = link.uncertainty as u64;
                 continue;
             }
-            let loaded = context.clusters.cluster(link.source.cluster())?;
-            if !lamp_survey::holds(&loaded.view(), link) {
-                pilot.push((of_pilot(link), loaded.view().source(link.source).radiosity));
+            let source = self.sources.source(context.clusters, link.source)?;
+            if !lamp_survey::holds(&source, link) {
+                pilot.push((of_pilot(link), source.light.radiosity));
             }
         }
         let own = self.view;

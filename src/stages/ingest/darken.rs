@@ -23,5 +23,5 @@ pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) 
     for element in &mut mesh.elements {
         element.set_irradiance(Rgb::BLACK);
     }
-    Ok(encode(&mesh, &view, &cluster.materials))
+    Ok(encode(&mesh, &view, &cluster.materials, 0))
 }
