@@ -232,7 +232,7 @@ impl View<'_> {
 
 /// What a point's own rays meet.
 pub struct Survey {
-    met: Vec<(Node, DVec3)>,
+    met: Vec<Met>,
     /// Whether the point lies in a gap that elements are too large for: almost all that it sees is closer than they
     /// are wide.
     pub is_gap: bool,
@@ -246,10 +246,9 @@ impl Survey {
     /// The sides of close lamps that rays from the point met, one for each ray.
     pub(super) fn close_lamps(&self, clusters: &dyn Clusters, point: DVec3) -> Result<Vec<NodeName>> {
         let mut close = Vec::new();
-        for (leaf, to) in &self.met {
-            let side = leaf.name.whole_side();
-            if is_close_lamp(&clusters.cluster(side.cluster())?.view(), side, point, *to) {
-                close.push(side);
+        for met in &self.met {
+            if is_close_lamp(&clusters.cluster(met.side.cluster())?.view(), met.side, point, met.to) {
+                close.push(met.side);
             }
         }
         Ok(close)
@@ -257,7 +256,7 @@ impl Survey {
 
     /// The emitting sides among what was met.
     pub fn emitters(&self, clusters: &dyn Clusters) -> Result<Vec<NodeName>> {
-        let mut sides: Vec<NodeName> = self.met.iter().map(|(leaf, _)| leaf.name.whole_side()).collect();
+        let mut sides: Vec<NodeName> = self.met.iter().map(|met| met.side).collect();
         sides.sort_unstable();
         sides.dedup();
         let mut emitters = Vec::new();
@@ -291,29 +290,43 @@ pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays:
         let [_, _, c, d] = sequence.point(index);
         let direction = cosine_direction(place.leaf.normal, c, d);
         *rays += 1;
-        if let Some((leaf, to, distance_m)) = meet(cuts, clusters, p, direction, place.leaf)? {
-            near += u64::from(distance_m < NEAR_ELEMENTS * place.min_element_m);
-            met.push((leaf, to));
+        if let Some(found) = meet(cuts, clusters, p, direction, place.leaf)? {
+            near += u64::from(found.distance_m < NEAR_ELEMENTS * place.min_element_m);
+            met.push(found);
         }
     }
     Ok(Survey { met, is_gap: near as f64 > GAP_SHARE * SURVEY_RAYS as f64, sequence })
 }
 
-/// The element that a ray from another meets, the place, and how far it is; `None` where nothing takes part.
+/// What a ray met.
+#[derive(Clone, Copy)]
+struct Met {
+    side: NodeName,
+    /// The element that stands for the place, if any does.
+    element: Option<Node>,
+    to: DVec3,
+    distance_m: f64,
+}
+
+/// What a ray from an element meets; `None` where nothing takes part.
 fn meet(
     cuts: &Cuts<'_>,
     clusters: &dyn Clusters,
     from: DVec3,
     direction: DVec3,
     element: &Node,
-) -> Result<Option<(Node, DVec3, f64)>> {
+) -> Result<Option<Met>> {
     let Nearest::Met(hit) = cuts.scene().nearest(from, direction, Some(&element.end)) else { return Ok(None) };
     let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
     let view = loaded.view();
     let at = hit.side();
     let to = from + direction * hit.t;
-    let takes_part = view.takes_part(at.index());
-    Ok(takes_part.then(|| element_at(cuts, &view, at, to)).flatten().map(|element| (element, to, hit.t)))
+    Ok(view.takes_part(at.index()).then(|| Met {
+        side: NodeName::root(view.id, at),
+        element: element_at(cuts, &view, at, to),
+        to,
+        distance_m: hit.t,
+    }))
 }
 
 /// Adds what arrives from all sides that are not in `linked` (ascending); in a gap by paths that are followed until
@@ -327,23 +340,25 @@ pub fn add_survey(
     gathered: &mut Gathered,
     rays: &mut u64,
 ) -> Result<()> {
-    let (mut met, mut light) = (0u64, Rgb::BLACK);
-    for (leaf, to) in &survey.met {
-        let root = leaf.name.whole_side();
-        if linked.binary_search(&root).is_ok() {
+    let (mut met, mut answered, mut light) = (0u64, 0u64, Rgb::BLACK);
+    for found in &survey.met {
+        if linked.binary_search(&found.side).is_ok() {
             continue;
         }
         met += 1;
+        // What no element stands for is taken to be as bright as the rest.
+        let Some(leaf) = found.element else { continue };
+        answered += 1;
         light += if survey.is_gap {
-            follow(cuts, clusters, place, survey.sequence, met, (*leaf, *to), rays)?
+            follow(cuts, clusters, place, survey.sequence, met, (leaf, found.to), rays)?
         } else {
-            clusters.cluster(root.cluster())?.view().source(leaf.name).radiosity
+            clusters.cluster(found.side.cluster())?.view().source(leaf.name).radiosity
         };
     }
-    if met > 0 {
+    if answered > 0 {
         let share = met as f64 / SURVEY_RAYS as f64;
         let error = counted_error(share, SURVEY_RAYS as f64);
-        gathered.add(light * (1.0 / met as f64), Seen { form_factor: share, error });
+        gathered.add(light * (1.0 / answered as f64), Seen { form_factor: share, error });
     }
     Ok(())
 }
@@ -371,7 +386,8 @@ fn follow(
         *rays += 1;
         let direction = cosine_direction(leaf.normal, c, d);
         let Some(next) = meet(cuts, clusters, at, direction, &leaf)? else { return Ok(Rgb::BLACK) };
-        (leaf, at, distance_m) = next;
+        let Some(element) = next.element else { return Ok(Rgb::BLACK) };
+        (leaf, at, distance_m) = (element, next.to, next.distance_m);
     }
     Ok(Rgb::BLACK)
 }
