@@ -142,6 +142,8 @@ impl<'a, 's> PointLight<'a, 's> {
             linked.dedup();
             let rays = &mut self.rays;
             gather_point::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
+            // The point's own rays tell what it sees of everything, and what leaves the model.
+            return Ok(gathered.irradiance);
         }
         Ok(gather_point::finish(&place, &gathered))
     }
