@@ -291,7 +291,7 @@ pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays:
         let direction = cosine_direction(place.leaf.normal, c, d);
         *rays += 1;
         if let Some(found) = meet(cuts, clusters, p, direction, place.leaf)? {
-            near += u64::from(found.distance_m < NEAR_ELEMENTS * place.min_element_m);
+            near += u64::from(found.is_near(place.min_element_m));
             met.push(found);
         }
     }
@@ -306,6 +306,15 @@ struct Met {
     element: Option<Node>,
     to: DVec3,
     distance_m: f64,
+}
+
+impl Met {
+    /// Whether the place is too close for elements to tell how its light changes; none is larger than twice
+    /// `min_element_m` there unless its light hardly changes.
+    fn is_near(&self, min_element_m: f64) -> bool {
+        let size_m = self.element.map_or(min_element_m, |e| e.shape.longest_edge().min(min_element_m));
+        self.distance_m < NEAR_ELEMENTS * size_m
+    }
 }
 
 /// What a ray from an element meets; `None` where nothing takes part.
@@ -350,7 +359,7 @@ pub fn add_survey(
         let Some(leaf) = found.element else { continue };
         answered += 1;
         light += if survey.is_gap {
-            follow(cuts, clusters, place, survey.sequence, met, (leaf, found.to), rays)?
+            follow(cuts, clusters, place, survey.sequence, met, *found, rays)?
         } else {
             clusters.cluster(found.side.cluster())?.view().source(leaf.name).radiosity
         };
@@ -370,24 +379,23 @@ fn follow(
     place: &Place<'_>,
     sequence: Sequence,
     index: u64,
-    (mut leaf, mut at): (Node, DVec3),
+    mut met: Met,
     rays: &mut u64,
 ) -> Result<Rgb> {
-    let mut distance_m = at.distance(place.point);
     let mut through = Rgb::grey(1.0);
     for reflection in 0..MOST_REFLECTIONS {
-        let loaded = clusters.cluster(leaf.name.cluster())?;
+        let Some(leaf) = met.element else { return Ok(Rgb::BLACK) };
+        let loaded = clusters.cluster(met.side.cluster())?;
         let view = loaded.view();
-        if distance_m >= NEAR_ELEMENTS * place.min_element_m || view.emits(leaf.name) {
+        if !met.is_near(place.min_element_m) || view.emits(leaf.name) {
             return Ok(through.times(view.source(leaf.name).radiosity));
         }
         through = through.times(Rgb::from_f32(view.materials[leaf.name.patch_side().index()].rho));
         let [_, _, c, d] = sequence.point((reflection + 1) * SURVEY_RAYS + index);
         *rays += 1;
         let direction = cosine_direction(leaf.normal, c, d);
-        let Some(next) = meet(cuts, clusters, at, direction, &leaf)? else { return Ok(Rgb::BLACK) };
-        let Some(element) = next.element else { return Ok(Rgb::BLACK) };
-        (leaf, at, distance_m) = (element, next.to, next.distance_m);
+        let Some(next) = meet(cuts, clusters, met.to, direction, &leaf)? else { return Ok(Rgb::BLACK) };
+        met = next;
     }
     Ok(Rgb::BLACK)
 }
