@@ -114,6 +114,10 @@ impl Receiver<'_> {
             return Err(Error::Interrupted);
         }
         let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
+        // Parts that lamps told apart are not what one of them stands for.
+        if region.is_some() && !self.mesh.elements[self.mesh.nearest(r.name)].is_leaf() {
+            return self.survey_below(context, r, whole);
+        }
         let mut whole = whole.to_vec();
         let pilot = self.cast(context, r, region.as_ref(), RAYS.0, PILOT);
         if let (Some(node), None) = (r.as_element(), &region) {
