@@ -148,11 +148,16 @@ pub fn quarter(shape: &Polygon, quarter: u32) -> Polygon {
     Polygon::new(&corners[..count])
 }
 
+/// Whether a shape is so long that its children are slices.
+#[must_use]
+pub fn is_sliced(shape: &Polygon) -> bool {
+    !matches!(Cut::of(shape), Cut::Quarters | Cut::Corners)
+}
+
 /// Longest edge that the children of a shape have, m; of a needle's first about so.
 #[must_use]
 pub fn child_edge_m(shape: &Polygon) -> f64 {
-    let parts = if matches!(Cut::of(shape), Cut::Quarters | Cut::Corners) { 2.0 } else { LONG };
-    shape.longest_edge() / parts
+    shape.longest_edge() / if is_sliced(shape) { LONG } else { 2.0 }
 }
 
 /// The child of `shape` that holds `point`, which lies on it.

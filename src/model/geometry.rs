@@ -23,8 +23,10 @@ pub struct ClusterHead {
     pub max_m: [f32; 3],
     /// Row of the OBJ object in the catalogue.
     pub object: u32,
+    /// 1 where long elements are cut into slices, 0 in stores that are older than that.
+    pub slices: u32,
     /// 0.
-    pub reserved: [u32; 7],
+    pub reserved: [u32; 6],
 }
 
 /// A planar triangle or convex quad.

@@ -3,7 +3,8 @@
 //! One value for all parts would carry light through the wall: out of the lit part, into the sealed
 //! one. So the smallest elements, which cannot be split to tell the parts apart, stand for the part
 //! that holds their anchor, as receivers and as sources. What lies on the far side of the wall is
-//! another element's to tell: the anchor lies anywhere, so on average nothing is lost to either side.
+//! another element's to tell: the anchor lies anywhere, so on average nothing is lost to either side. A patch
+//! that is one element has no others: it stands for its largest part.
 
 use std::cell::RefCell;
 
@@ -13,6 +14,7 @@ use super::node::Node;
 use super::scene::RayScene;
 use crate::base::NodeName;
 use crate::geom::bounds::Bounds;
+use crate::geom::quadtree;
 use crate::geom::sequence::mix;
 
 /// The part of an element that stands for it.
@@ -27,8 +29,8 @@ pub struct Region {
 pub struct Cuts<'a> {
     scene: RayScene<'a>,
     min_element_m: f64,
-    /// By a hash of the name; a newer one takes the place of an older.
-    known: RefCell<Vec<(NodeName, bool)>>,
+    /// Anchors, or [`NOT_CUT`], by a hash of the name; a newer one takes the place of an older.
+    known: RefCell<Vec<(NodeName, u8)>>,
 }
 
 const KNOWN: usize = 1 << 17;
@@ -37,7 +39,7 @@ impl<'a> Cuts<'a> {
     /// Nothing known yet. No element edge is below `min_element_m`.
     #[must_use]
     pub fn new(scene: RayScene<'a>, min_element_m: f64) -> Self {
-        Self { scene, min_element_m, known: RefCell::new(vec![(NodeName::ESCAPE, false); KNOWN]) }
+        Self { scene, min_element_m, known: RefCell::new(vec![(NodeName::ESCAPE, NOT_CUT); KNOWN]) }
     }
 
     /// What rays can meet.
@@ -55,26 +57,34 @@ impl<'a> Cuts<'a> {
     /// See the function of that name.
     #[must_use]
     pub fn is_cut(&self, node: &Node) -> bool {
+        self.anchor(node) != NOT_CUT
+    }
+
+    fn anchor(&self, node: &Node) -> u8 {
         let slot = mix(node.name.0) as usize % KNOWN;
         let known = self.known.borrow()[slot];
         if known.0 == node.name {
             return known.1;
         }
-        let is_cut = is_cut(&self.scene, node, self.min_element_m);
-        self.known.borrow_mut()[slot] = (node.name, is_cut);
-        is_cut
+        let anchor = anchor(&self.scene, node, self.min_element_m);
+        self.known.borrow_mut()[slot] = (node.name, anchor);
+        anchor
     }
 
-    /// Whether a place lies in the part round a node's anchor, as far as a straight line tells.
+    /// Whether a place lies in the part that stands for a node, or for a node that nothing cuts round its anchor,
+    /// as far as a straight line tells.
     #[must_use]
     pub fn shares_part(&self, node: &Node, place: DVec3) -> bool {
-        Region::round_anchor(&self.scene, node, self.min_element_m).holds(&self.scene, place)
+        let anchor = self.anchor(node);
+        let anchor = if anchor == NOT_CUT { 0 } else { anchor };
+        Region::round(&self.scene, node, anchor, self.min_element_m).holds(&self.scene, place)
     }
 
     /// The part that stands for a node; `None` if nothing cuts it.
     #[must_use]
     pub fn region(&self, node: &Node) -> Option<Region> {
-        self.is_cut(node).then(|| Region::round_anchor(&self.scene, node, self.min_element_m))
+        let anchor = self.anchor(node);
+        (anchor != NOT_CUT).then(|| Region::round(&self.scene, node, anchor, self.min_element_m))
     }
 }
 
@@ -92,19 +102,62 @@ fn heights(scene: &RayScene<'_>, min_element_m: f64) -> [f64; 2] {
     [low, low.max((GAP_SHARE * min_element_m).min(HIGHEST_GAP_M))]
 }
 
+/// In the place of an anchor: nothing cuts the element.
+const NOT_CUT: u8 = u8::MAX;
+
+/// Places that a patch's largest part is looked for with.
+const PLACES: u8 = 8;
+
+/// The place of an element that stands for it: the first, and of a patch that has no other elements the first from
+/// which most others are seen.
+fn anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> u8 {
+    if !is_cut(scene, node, min_element_m) {
+        return NOT_CUT;
+    }
+    if node.name.depth() > 0 || quadtree::child_edge_m(&node.shape) >= min_element_m {
+        return 0;
+    }
+    let seen = |anchor: u8| {
+        let part = Region::round(scene, node, anchor, min_element_m);
+        (0..PLACES).filter(|other| part.holds(scene, place(node, *other))).count()
+    };
+    let (mut best, mut most) = (0, 0);
+    for anchor in 0..PLACES {
+        let seen = seen(anchor);
+        if seen > most {
+            (best, most) = (anchor, seen);
+        }
+        if 2 * most > usize::from(PLACES) {
+            break;
+        }
+    }
+    best
+}
+
+/// One of an element's places. The first lies anywhere, by the name, so that each part of a surface is stood for by as
+/// many elements as it takes up of their area; the others lie evenly round it.
+fn place(node: &Node, number: u8) -> DVec3 {
+    let bits = mix(node.name.0);
+    let share = |bits: u64, step: f64| {
+        let first = (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
+        0.02 + 0.96 * (first + f64::from(number) * step).fract()
+    };
+    node.shape.point(share(bits, STEPS[0]), share(bits >> 32, STEPS[1]))
+}
+
+/// Steps that fill the unit square evenly. Source: Roberts 2018, the R2 sequence.
+const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
+
 impl Region {
-    /// The part of `node` round its anchor; `None` if nothing cuts the element.
+    /// The part that stands for `node`; `None` if nothing cuts the element.
     #[must_use]
     pub fn of(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Option<Self> {
-        is_cut(scene, node, min_element_m).then(|| Self::round_anchor(scene, node, min_element_m))
+        let anchor = anchor(scene, node, min_element_m);
+        (anchor != NOT_CUT).then(|| Self::round(scene, node, anchor, min_element_m))
     }
 
-    fn round_anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Self {
-        // Anywhere, by the name: so each part stands for as many elements as it takes up of their area.
-        let bits = mix(node.name.0);
-        let share = |bits: u64| 0.02 + 0.96 * (bits & 0xffff_ffff) as f64 / f64::from(u32::MAX);
-        let anchor = node.shape.point(share(bits), share(bits >> 32));
-        Self { anchor, lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
+    fn round(scene: &RayScene<'_>, node: &Node, anchor: u8, min_element_m: f64) -> Self {
+        Self { anchor: place(node, anchor), lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
     }
 
     /// Whether a point of the element lies in the part.

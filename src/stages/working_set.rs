@@ -8,6 +8,7 @@ use std::rc::Rc;
 use lru::LruCache;
 
 use crate::base::{ClusterId, Error, Result};
+use crate::geom::quadtree::{is_sliced, patch_polygon};
 use crate::model::ExtentKind;
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::layout::Arrays;
@@ -36,12 +37,17 @@ impl MappedCluster {
         let geometry = snapshot.need(ExtentKind::Geometry, id)?;
         let materials = snapshot.need(ExtentKind::Materials, id)?;
         let light = snapshot.need(ExtentKind::Radiosity, id)?;
-        let sides = 2 * geometry.parse(GeometryView::parse)?.patches.len();
+        let view = geometry.parse(GeometryView::parse)?;
+        let sides = 2 * view.patches.len();
         if materials.parse(side_materials)?.len() != sides {
             return Err(materials.damage("not two materials per patch"));
         }
         if light.parse(LightView::parse)?.level(0).len() != sides {
             return Err(light.damage("not two roots per patch"));
+        }
+        let is_divided = !light.parse(LightView::parse)?.level(1).is_empty();
+        if view.head.slices == 0 && is_divided && view.patches.iter().any(|p| is_sliced(&patch_polygon(p))) {
+            return Err(light.damage("solved when long patches were cut in another way: ingest into a new store"));
         }
         Ok(Self { id, geometry, materials, light })
     }

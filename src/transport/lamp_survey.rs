@@ -180,7 +180,11 @@ impl Receiver<'_> {
             }
             let (normal, end) = (side.node.normal, &side.node.end);
             let Some(aim) = aims.aim(lamps, polygon, normal, from) else {
-                if is_elsewhere { elsewhere.add(0.0) } else { tally.add(quarter, 0.0, 0.0) }
+                if is_elsewhere {
+                    elsewhere.add(0.0)
+                } else {
+                    tally.add(quarter, 0.0, 0.0)
+                }
                 continue;
             };
             let (mut arrives, mut expected) = (0.0, 0.0);

@@ -86,7 +86,17 @@ impl<'a> Receiver<'a> {
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
         let (cut, followed) = (vec![None; mesh.elements.len()], vec![false; mesh.elements.len()]);
-        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed, surveys: false, sources: SourceMemo::default() }
+        Self {
+            view,
+            mesh,
+            rows,
+            changed,
+            counts: Counts::default(),
+            cut,
+            followed,
+            surveys: false,
+            sources: SourceMemo::default(),
+        }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters

@@ -73,6 +73,7 @@ impl ClusterRecords {
             patches: pieces.len() as u32,
             min_m: tree[0].min_m,
             max_m: tree[0].max_m,
+            slices: 1,
             ..ClusterHead::zeroed()
         };
         Self { head, patches, tree, sectors, materials, order }
