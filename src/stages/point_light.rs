@@ -90,7 +90,6 @@ impl<'a, 's> PointLight<'a, 's> {
             typical_w_m2,
             relative: SOURCE_SHARE,
             min_element_m: self.min_element_m,
-            closure,
         };
         let mut gathered = Gathered::default();
         let survey = gather_point::survey(&self.cuts, self.set, &place, &mut self.rays)?;
@@ -142,10 +141,14 @@ impl<'a, 's> PointLight<'a, 's> {
             linked.dedup();
             let rays = &mut self.rays;
             gather_point::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
-            // The point's own rays tell what it sees of everything, and what leaves the model.
-            return Ok(gathered.irradiance);
+            // All is from the point's own rays: closing would make the lamps pay for how many of them the others met.
+            if rows.lamps.is_some() {
+                return Ok(gathered.irradiance);
+            }
+            return Ok(gather_point::finish(&gathered, Some(survey.met_share())));
         }
-        Ok(gather_point::finish(&place, &gathered))
+        let full = closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);
+        Ok(gather_point::finish(&gathered, full.then_some(1.0)))
     }
 
     fn rows(&mut self, id: ClusterId) -> Result<Rc<Rows>> {

@@ -15,7 +15,7 @@ use crate::base::{ClusterId, NodeName, Result, Rgb};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
-use crate::model::links::{LeafClosure, Visibility};
+use crate::model::links::Visibility;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::region::{Cuts, Region};
@@ -34,8 +34,6 @@ pub struct Place<'a> {
     pub relative: f64,
     /// No element edge is below this, m.
     pub min_element_m: f64,
-    /// How its row was closed.
-    pub closure: Option<&'a LeafClosure>,
 }
 
 /// Sums over links as they are visited.
@@ -243,6 +241,12 @@ impl Survey {
     /// What a ray that meets a side stands for.
     pub(super) const RAY: f64 = 1.0 / SURVEY_RAYS as f64;
 
+    /// Share of the rays that met something.
+    #[must_use]
+    pub fn met_share(&self) -> f64 {
+        self.met.len() as f64 * Self::RAY
+    }
+
     /// The sides of close lamps that rays from the point met, one for each ray.
     pub(super) fn close_lamps(&self, clusters: &dyn Clusters, point: DVec3) -> Result<Vec<NodeName>> {
         let mut close = Vec::new();
@@ -400,23 +404,23 @@ fn follow(
     Ok(Rgb::BLACK)
 }
 
-/// Irradiance at the place, its row closed as its leaf's was.
+/// Irradiance at the place, its row closed.
 ///
 /// The point's links are all evaluated at the point: what is off is sampled visibility and what lists
-/// miss. Where the leaf's row fills the hemisphere the point's must too; elsewhere only a row over 1
-/// is certainly wrong. What is added or taken goes to each source by its doubt.
+/// miss. Where it is known how much of the hemisphere is `filled`, the row must come to that; elsewhere only a row
+/// over 1 is certainly wrong. What is added or taken goes to each source by its doubt.
 #[must_use]
-pub fn finish(place: &Place<'_>, gathered: &Gathered) -> Rgb {
-    let full = place.closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);
-    let wrong = gathered.row_sum > 1.0 || (full && gathered.row_sum > 0.8);
-    if !wrong {
-        return gathered.irradiance;
-    }
-    let gap = 1.0 - gathered.row_sum;
+pub fn finish(gathered: &Gathered, filled: Option<f64>) -> Rgb {
+    let filled = match filled {
+        Some(filled) if gathered.row_sum > 0.8 * filled => filled,
+        _ if gathered.row_sum > 1.0 => 1.0,
+        _ => return gathered.irradiance,
+    };
+    let gap = filled - gathered.row_sum;
     // No further than three times the doubt, nor so far that a source turns negative.
     let most = if gap < 0.0 { 1.0 / gathered.steepest.max(1.0 / 3.0) } else { 3.0 };
     let correction = if gathered.doubt > 0.0 { (gap / gathered.doubt).clamp(-most, most) } else { 0.0 };
     let row_sum = gathered.row_sum + correction * gathered.doubt;
     let irradiance = gathered.irradiance + gathered.doubtful_irradiance * correction;
-    irradiance * (1.0 / row_sum)
+    irradiance * (filled / row_sum)
 }
