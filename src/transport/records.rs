@@ -117,3 +117,45 @@ fn sectors(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial])
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+
+    use super::*;
+    use crate::base::{ClusterId, NodeName, PatchSide};
+    use crate::model::geometry::PatchRecord;
+    use crate::transport::mesh::Element;
+
+    #[test]
+    fn what_is_lit_is_told_by_places_however_they_are_divided() {
+        let corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
+        let patch = PatchRecord { corners_m, corner_count: 4, area_m2: 4.0, ..PatchRecord::zeroed() };
+        let materials = [SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }; 2];
+        let mesh_lit_by = |irradiance: f64| {
+            let mut mesh =
+                Mesh { cluster: ClusterId(3), sectors: Vec::new(), side_sector: Vec::new(), elements: Vec::new() };
+            mesh.elements.push(Element {
+                name: NodeName::root(ClusterId(3), PatchSide { patch: 0, side: 0 }),
+                first_child: NONE,
+                parent: NONE,
+                area_m2: 4.0,
+                irradiance: Rgb::grey(irradiance),
+                leaf_low: [irradiance; 3],
+                leaf_high: [irradiance; 3],
+            });
+            mesh
+        };
+        let (dark, mut mesh) = (lit(&mesh_lit_by(0.0), &materials), mesh_lit_by(1.0));
+        let whole = lit(&mesh, &materials);
+        assert!(dark == 0 && whole != 0);
+        mesh.split(0, &patch);
+        mesh.split(3, &patch);
+        assert_eq!(lit(&mesh, &materials), whole, "divided, but lit all over");
+        mesh.elements[6].set_irradiance(Rgb::BLACK);
+        let in_part = lit(&mesh, &materials);
+        assert!(in_part != whole && in_part != 0);
+        mesh.split(2, &patch);
+        assert_eq!(lit(&mesh, &materials), in_part);
+    }
+}

@@ -73,7 +73,7 @@ fn a_cluttered_room_under_many_lamps_keeps_its_light_and_its_cupboard_dark() {
 }
 
 /// Where all emits alike, what arrives is the same at any point, whatever is in sight. `draft` for the time it takes;
-/// there up to 1.6 % are missing.
+/// there up to 1.8 % are missing.
 #[test]
 fn what_arrives_in_a_cluttered_furnace_is_the_same_everywhere() {
     let emitters = ["wall", "box", "lamp", "cupboard"].map(|name| (name, 1.0));
