@@ -139,16 +139,12 @@ impl<'a, 's> PointLight<'a, 's> {
         if is_surveyed {
             linked.sort_unstable();
             linked.dedup();
-            let rays = &mut self.rays;
+            let (rays, before) = (&mut self.rays, gathered);
             gather_point::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
-            // All is from the point's own rays: closing would make the lamps pay for how many of them the others met.
-            if rows.lamps.is_some() {
-                return Ok(gathered.irradiance);
-            }
-            return Ok(gather_point::finish(&gathered, Some(survey.met_share())));
+            return Ok(gather_point::finish_surveyed(&before, &gathered, survey.met_share()));
         }
-        let full = closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);
-        Ok(gather_point::finish(&gathered, full.then_some(1.0)))
+        let is_full = closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);
+        Ok(gather_point::finish(&gathered, is_full))
     }
 
     fn rows(&mut self, id: ClusterId) -> Result<Rc<Rows>> {

@@ -46,6 +46,8 @@ pub struct Gathered {
     /// The same two with each source's standard error in place of its form factor.
     doubtful_irradiance: Rgb,
     doubt: f64,
+    /// Sum of the squares of the standard errors.
+    variance: f64,
     /// Largest error relative to its form factor.
     steepest: f64,
 }
@@ -58,6 +60,7 @@ impl Gathered {
             let error = seen.error.min(seen.form_factor);
             self.doubtful_irradiance += radiosity * error;
             self.doubt += error;
+            self.variance += error * error;
             self.steepest = self.steepest.max(error / seen.form_factor);
         }
     }
@@ -407,20 +410,32 @@ fn follow(
 /// Irradiance at the place, its row closed.
 ///
 /// The point's links are all evaluated at the point: what is off is sampled visibility and what lists
-/// miss. Where it is known how much of the hemisphere is `filled`, the row must come to that; elsewhere only a row
-/// over 1 is certainly wrong. What is added or taken goes to each source by its doubt.
+/// miss. Where the leaf's row fills the hemisphere (`is_full`) the point's must too; elsewhere only a row over 1
+/// is certainly wrong. What is added or taken goes to each source by its doubt.
 #[must_use]
-pub fn finish(gathered: &Gathered, filled: Option<f64>) -> Rgb {
-    let filled = match filled {
-        Some(filled) if gathered.row_sum > 0.8 * filled => filled,
-        _ if gathered.row_sum > 1.0 => 1.0,
-        _ => return gathered.irradiance,
-    };
-    let gap = filled - gathered.row_sum;
+pub fn finish(gathered: &Gathered, is_full: bool) -> Rgb {
+    let wrong = gathered.row_sum > 1.0 || (is_full && gathered.row_sum > 0.8);
+    if !wrong {
+        return gathered.irradiance;
+    }
+    let gap = 1.0 - gathered.row_sum;
     // No further than three times the doubt, nor so far that a source turns negative.
     let most = if gap < 0.0 { 1.0 / gathered.steepest.max(1.0 / 3.0) } else { 3.0 };
     let correction = if gathered.doubt > 0.0 { (gap / gathered.doubt).clamp(-most, most) } else { 0.0 };
     let row_sum = gathered.row_sum + correction * gathered.doubt;
     let irradiance = gathered.irradiance + gathered.doubtful_irradiance * correction;
-    irradiance * (filled / row_sum)
+    irradiance * (1.0 / row_sum)
+}
+
+/// Irradiance at a place that cast its own rays, its row closed to the share of them that met something. What was
+/// gathered `before` those were added errs for itself, so variances share what is off: lamps whose form factors are
+/// known well do not pay for how many rays happened to meet the others.
+#[must_use]
+pub fn finish_surveyed(before: &Gathered, all: &Gathered, met_share: f64) -> Rgb {
+    let gap = met_share - all.row_sum;
+    let by_before = if all.variance > 0.0 { before.variance / all.variance } else { 0.0 };
+    let surveyed = all.row_sum - before.row_sum;
+    let factor = |gap: f64, sum: f64| if sum > 0.0 { (1.0 + gap / sum).max(0.0) } else { 0.0 };
+    before.irradiance * factor(gap * by_before, before.row_sum)
+        + (all.irradiance - before.irradiance) * factor(gap * (1.0 - by_before), surveyed)
 }
