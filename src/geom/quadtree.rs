@@ -67,7 +67,13 @@ impl Cut {
         if longest < LONG * shape.doubled_area_vector().length() {
             return Self::Corners;
         }
-        Self::Needle(if edge(0) <= edge(1) && edge(0) <= edge(2) { 0 } else { 1 + usize::from(edge(2) < edge(1)) })
+        Self::Needle((0..3).min_by(|i, j| edge(*i).total_cmp(&edge(*j))).unwrap_or(0))
+    }
+
+    /// The shape of a child.
+    fn shape(self, of: &Polygon, quarter: u32) -> Polygon {
+        let (corners, count) = self.child(of.corners(), quarter, mixed);
+        Polygon::new(&corners[..count])
     }
 
     /// Corners of a child, and how many they are; `mix(a, b, k)` lies k quarters of the way from a to b.
@@ -123,8 +129,7 @@ fn mixed(a: DVec3, b: DVec3, quarters: u32) -> DVec3 {
 /// Child `quarter` (0..4) of an element's shape.
 #[must_use]
 pub fn child(shape: &Polygon, quarter: u32) -> Polygon {
-    let (corners, count) = Cut::of(shape).child(shape.corners(), quarter, mixed);
-    Polygon::new(&corners[..count])
+    Cut::of(shape).shape(shape, quarter)
 }
 
 /// Child `quarter` of an element's shape, and of its corners on a grid; `mix` as for shapes.
@@ -135,8 +140,7 @@ pub(super) fn child_on_grid<P: Copy>(
     mix: impl Fn(P, P, u32) -> P,
 ) -> (Polygon, [P; 4]) {
     let cut = Cut::of(shape);
-    let (corners, count) = cut.child(shape.corners(), quarter, mixed);
-    (Polygon::new(&corners[..count]), cut.child(grid, quarter, mix).0)
+    (cut.shape(shape, quarter), cut.child(grid, quarter, mix).0)
 }
 
 /// A quarter of a shape, cut at the middles of its edges however long it is: what tells whether light differs
@@ -144,8 +148,7 @@ pub(super) fn child_on_grid<P: Copy>(
 #[must_use]
 pub fn quarter(shape: &Polygon, quarter: u32) -> Polygon {
     let cut = if shape.corners().len() == 3 { Cut::Corners } else { Cut::Quarters };
-    let (corners, count) = cut.child(shape.corners(), quarter, mixed);
-    Polygon::new(&corners[..count])
+    cut.shape(shape, quarter)
 }
 
 /// Whether a shape is so long that its children are slices.

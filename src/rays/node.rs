@@ -49,6 +49,12 @@ impl Node {
         Self { name: self.name.child(quarter), shape: quadtree::child(&self.shape, quarter), ..*self }
     }
 
+    /// Whether it is too short to be split.
+    #[must_use]
+    pub fn is_smallest(&self, min_element_m: f64) -> bool {
+        quadtree::child_edge_m(&self.shape) < min_element_m
+    }
+
     /// Height of a point over the plane of the node's side, m.
     #[must_use]
     pub fn height(&self, point: DVec3) -> f64 {

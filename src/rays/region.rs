@@ -14,7 +14,6 @@ use super::node::Node;
 use super::scene::RayScene;
 use crate::base::NodeName;
 use crate::geom::bounds::Bounds;
-use crate::geom::quadtree;
 use crate::geom::sequence::mix;
 
 /// The part of an element that stands for it.
@@ -29,8 +28,8 @@ pub struct Region {
 pub struct Cuts<'a> {
     scene: RayScene<'a>,
     min_element_m: f64,
-    /// Anchors, or [`NOT_CUT`], by a hash of the name; a newer one takes the place of an older.
-    known: RefCell<Vec<(NodeName, u8)>>,
+    /// Numbers of the anchors of what is cut, by a hash of the name; a newer one takes the place of an older.
+    known: RefCell<Vec<(NodeName, Option<u8>)>>,
 }
 
 const KNOWN: usize = 1 << 17;
@@ -39,7 +38,7 @@ impl<'a> Cuts<'a> {
     /// Nothing known yet. No element edge is below `min_element_m`.
     #[must_use]
     pub fn new(scene: RayScene<'a>, min_element_m: f64) -> Self {
-        Self { scene, min_element_m, known: RefCell::new(vec![(NodeName::ESCAPE, NOT_CUT); KNOWN]) }
+        Self { scene, min_element_m, known: RefCell::new(vec![(NodeName::ESCAPE, None); KNOWN]) }
     }
 
     /// What rays can meet.
@@ -54,13 +53,13 @@ impl<'a> Cuts<'a> {
         self.min_element_m
     }
 
-    /// See the function of that name.
+    /// Whether walls stand on a node.
     #[must_use]
     pub fn is_cut(&self, node: &Node) -> bool {
-        self.anchor(node) != NOT_CUT
+        self.anchor(node).is_some()
     }
 
-    fn anchor(&self, node: &Node) -> u8 {
+    fn anchor(&self, node: &Node) -> Option<u8> {
         let slot = mix(node.name.0) as usize % KNOWN;
         let known = self.known.borrow()[slot];
         if known.0 == node.name {
@@ -75,16 +74,14 @@ impl<'a> Cuts<'a> {
     /// as far as a straight line tells.
     #[must_use]
     pub fn shares_part(&self, node: &Node, place: DVec3) -> bool {
-        let anchor = self.anchor(node);
-        let anchor = if anchor == NOT_CUT { 0 } else { anchor };
+        let anchor = self.anchor(node).unwrap_or(0);
         Region::round(&self.scene, node, anchor, self.min_element_m).holds(&self.scene, place)
     }
 
     /// The part that stands for a node; `None` if nothing cuts it.
     #[must_use]
     pub fn region(&self, node: &Node) -> Option<Region> {
-        let anchor = self.anchor(node);
-        (anchor != NOT_CUT).then(|| Region::round(&self.scene, node, anchor, self.min_element_m))
+        self.anchor(node).map(|anchor| Region::round(&self.scene, node, anchor, self.min_element_m))
     }
 }
 
@@ -102,20 +99,17 @@ fn heights(scene: &RayScene<'_>, min_element_m: f64) -> [f64; 2] {
     [low, low.max((GAP_SHARE * min_element_m).min(HIGHEST_GAP_M))]
 }
 
-/// In the place of an anchor: nothing cuts the element.
-const NOT_CUT: u8 = u8::MAX;
-
 /// Places that a patch's largest part is looked for with.
 const PLACES: u8 = 8;
 
-/// The place of an element that stands for it: the first, and of a patch that has no other elements the first from
-/// which most others are seen.
-fn anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> u8 {
+/// The place that stands for an element that is cut: the first, and of a patch that has no other elements the first
+/// from which most others are seen. `None` if nothing cuts it.
+fn anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Option<u8> {
     if !is_cut(scene, node, min_element_m) {
-        return NOT_CUT;
+        return None;
     }
-    if node.name.depth() > 0 || quadtree::child_edge_m(&node.shape) >= min_element_m {
-        return 0;
+    if node.name.depth() > 0 || !node.is_smallest(min_element_m) {
+        return Some(0);
     }
     let seen = |anchor: u8| {
         let part = Region::round(scene, node, anchor, min_element_m);
@@ -131,7 +125,7 @@ fn anchor(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> u8 {
             break;
         }
     }
-    best
+    Some(best)
 }
 
 /// One of an element's places. The first lies anywhere, by the name, so that each part of a surface is stood for by as
@@ -149,13 +143,6 @@ fn place(node: &Node, number: u8) -> DVec3 {
 const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
 
 impl Region {
-    /// The part that stands for `node`; `None` if nothing cuts the element.
-    #[must_use]
-    pub fn of(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> Option<Self> {
-        let anchor = anchor(scene, node, min_element_m);
-        (anchor != NOT_CUT).then(|| Self::round(scene, node, anchor, min_element_m))
-    }
-
     fn round(scene: &RayScene<'_>, node: &Node, anchor: u8, min_element_m: f64) -> Self {
         Self { anchor: place(node, anchor), lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
     }
@@ -168,8 +155,7 @@ impl Region {
 }
 
 /// Whether a patch crosses the inside of an element, a little above it on its side.
-#[must_use]
-pub fn is_cut(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> bool {
+fn is_cut(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> bool {
     let heights = heights(scene, min_element_m);
     let corners = node.shape.corners();
     let reach = 2.0 * heights[1];

@@ -24,7 +24,7 @@ use crate::transport::push_pull::{self, Gathered};
 use crate::transport::records;
 use crate::transport::refine::{Context, Counts, Receiver, Scope};
 use crate::transport::relax::{self, Inner, Member};
-use crate::transport::seal;
+use crate::transport::seal::{self, Sealed};
 use crate::transport::source::Loaded;
 
 /// What shapes a visit's result.
@@ -153,11 +153,8 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let (visible, head) = self.set.visible(id)?;
         let mut receiver = Receiver::new(view, mesh, rows);
         receiver.refine(&context, &visible)?;
-        // What saw no light sees none as long as no other place is lit.
-        let seen = seal::lit_in_sight(self.set, &visible)?;
-        let dark_before = known.values().filter(|c| seen == view.light.head.seen && closure::is_sealed(c));
-        let dark_before = dark_before.map(|c| NodeName(c.leaf)).collect();
-        let sealed = receiver.sealed_leaves(&context, &dark_before)?;
+        let was_sealed = |leaf: NodeName| known.get(&leaf.0).is_some_and(closure::is_sealed);
+        let Sealed { leaves: sealed, seen } = receiver.sealed_leaves(&context, &visible, was_sealed)?;
         let mut counts = receiver.counts;
         let patches = view.geometry.patches;
         let emits = |leaf: NodeName| view.emits(leaf);

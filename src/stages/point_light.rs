@@ -116,7 +116,7 @@ impl<'a, 's> PointLight<'a, 's> {
                     for side in sides {
                         linked.push(side.whole_side());
                         gather_point::add_link(
-                            self.cuts.scene(),
+                            &self.cuts,
                             &place,
                             &source.view(),
                             &Link { source: side, ..*link },

@@ -12,7 +12,7 @@ use super::entry;
 use super::leaves;
 use super::output::{self, Output};
 use super::working_set::WorkingSet;
-use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::base::{ClusterId, Error, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
 use crate::geom::bounds::Bounds;
 use crate::geom::quadtree;
@@ -286,14 +286,8 @@ impl<'s> Eye<'s> {
         if !view.takes_part(at.index()) {
             return Ok(Rgb::BLACK);
         }
-        let mut name = NodeName::root(view.id, at);
-        let mut shape = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-        while view.light.has_children(name) {
-            let quarter = quadtree::child_at(&shape, point);
-            name = name.child(quarter);
-            shape = quadtree::child(&shape, quarter);
-        }
-        Ok(self.side(&view, at).at(name, &shape, point))
+        let leaf = view.leaf_at(at, point);
+        Ok(self.side(&view, at).at(leaf.name, &leaf.shape, point))
     }
 
     fn side(&mut self, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {

@@ -37,15 +37,15 @@ impl MappedCluster {
         let geometry = snapshot.need(ExtentKind::Geometry, id)?;
         let materials = snapshot.need(ExtentKind::Materials, id)?;
         let light = snapshot.need(ExtentKind::Radiosity, id)?;
-        let view = geometry.parse(GeometryView::parse)?;
-        let sides = 2 * view.patches.len();
+        let (shapes, lit) = (geometry.parse(GeometryView::parse)?, light.parse(LightView::parse)?);
+        let sides = 2 * shapes.patches.len();
         if materials.parse(side_materials)?.len() != sides {
             return Err(materials.damage("not two materials per patch"));
         }
-        if light.parse(LightView::parse)?.level(0).len() != sides {
+        if lit.level(0).len() != sides {
             return Err(light.damage("not two roots per patch"));
         }
-        if has_other_shapes(&view, &light.parse(LightView::parse)?) {
+        if has_other_shapes(&shapes, &lit) {
             return Err(light.damage("solved when long patches were cut in another way: ingest into a new store"));
         }
         Ok(Self { id, geometry, materials, light })

@@ -8,7 +8,7 @@ use super::lamp_list::is_close_lamp;
 use super::link_rows::Link;
 use super::met::element_at;
 use super::refine::DIM;
-use super::sight::{self, UNANIMOUS};
+use super::sight::UNANIMOUS;
 use super::source::{ClusterView, Clusters};
 use super::survey_row::counted_error;
 use crate::base::{ClusterId, NodeName, Result, Rgb};
@@ -82,7 +82,7 @@ const CUT_SHARE: f64 = 0.02;
 /// Adds what arrives over one link of an element that holds the place. Sources whose light varies
 /// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
 pub fn add_link(
-    scene: &RayScene<'_>,
+    cuts: &Cuts<'_>,
     place: &Place<'_>,
     source_view: &ClusterView<'_>,
     link: &Link,
@@ -95,12 +95,12 @@ pub fn add_link(
     }
     let patch = &source_view.geometry.patches[usize::from(link.source.patch_side().patch)];
     let s = Node::at(source_view.id, patch, link.source);
-    add_source(scene, place, source_view, &s, link.class, allowed, gathered, rays);
+    add_source(cuts, place, source_view, &s, link.class, allowed, gathered, rays);
 }
 
 #[allow(clippy::too_many_arguments, reason = "a recursion's state")]
 fn add_source(
-    scene: &RayScene<'_>,
+    cuts: &Cuts<'_>,
     place: &Place<'_>,
     view: &ClusterView<'_>,
     s: &Node,
@@ -122,7 +122,7 @@ fn add_source(
     let limit = if cut { CUT_SHARE * allowed } else { allowed };
     if source.divided && open * source.spread > limit {
         for quarter in 0..4 {
-            add_source(scene, place, view, &s.child(quarter), class, allowed, gathered, rays);
+            add_source(cuts, place, view, &s.child(quarter), class, allowed, gathered, rays);
         }
         return;
     }
@@ -130,12 +130,12 @@ fn add_source(
         // A dim place asks for more than a typical one, to a point.
         let allowed = POINT_SHARE * (place.relative * place.typical_w_m2).clamp(0.1 * allowed, allowed);
         let part = Part { shape: s.shape, open, depth: 0, allowed };
-        let is_smallest = sight::is_smallest(s, place.min_element_m);
+        let is_smallest = s.is_smallest(place.min_element_m);
         // A place far darker than a source may lie in a sealed part of it.
         let is_dim = place.typical_w_m2 < DIM * source.radiosity.max();
-        let region = if is_smallest || is_dim { Region::of(scene, s, place.min_element_m) } else { None };
+        let region = if is_smallest || is_dim { cuts.region(s) } else { None };
         let strength_w_m2 = source.radiosity.max() + place.typical_w_m2;
-        let view = View { scene, place, s, is_smallest, region, strength_w_m2 };
+        let view = View { scene: cuts.scene(), place, s, is_smallest, region, strength_w_m2 };
         view.seen(&part, rays)
     } else {
         Seen { form_factor: open, error: FLOOR * open }

@@ -165,7 +165,7 @@ impl Receiver<'_> {
         let scene = context.cuts.scene();
         let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt ^ SALT);
         let mut aims = Aims::new(r);
-        let (mut tally, mut elsewhere) = (Tally::default(), Mean::default());
+        let mut tally = Tally::default();
         let mut arrivals = Vec::new();
         for index in 0..4 * count {
             if tally.rays == count {
@@ -174,23 +174,20 @@ impl Receiver<'_> {
             let [a, b, c, d] = sequence.point(index);
             let quarter = (index % 4) as usize;
             let (polygon, side, from) = aims.starts.draw(quarter, [a, b]);
-            let is_elsewhere = region.is_some_and(|region| !region.holds(scene, from));
-            if is_elsewhere && salt != PILOT {
+            let is_here = region.is_none_or(|region| region.holds(scene, from));
+            if !is_here && salt != PILOT {
                 continue;
             }
+            let here = is_here.then_some(quarter);
             let (normal, end) = (side.node.normal, &side.node.end);
             let Some(aim) = aims.aim(lamps, polygon, normal, from) else {
-                if is_elsewhere {
-                    elsewhere.add(0.0)
-                } else {
-                    tally.add(quarter, 0.0, 0.0)
-                }
+                tally.add(here, 0.0, 0.0);
                 continue;
             };
             let (mut arrives, mut expected) = (0.0, 0.0);
             let mut arrive = |arrives: &mut f64, lamp: NodeName, form_factor: f64, exitance: f64| {
                 *arrives += form_factor * exitance;
-                if !is_elsewhere {
+                if is_here {
                     arrivals.push(Arrival { lamp, quarter, form_factor });
                 }
             };
@@ -211,7 +208,7 @@ impl Receiver<'_> {
                     arrive(&mut arrives, lamp, 1.0, exitance);
                 }
             }
-            if is_elsewhere { elsewhere.add(arrives) } else { tally.add(quarter, arrives, expected) }
+            tally.add(here, arrives, expected);
         }
         let row = to_links(context, arrivals, &tally)?;
         let unoccluded_w_m2 = tally.mean_expected_w_m2();
@@ -221,7 +218,7 @@ impl Receiver<'_> {
             unoccluded_w_m2,
             visible: tally.visible_share(),
             unevenness: relative_error(&tally.expected) * (count as f64 / RAYS.1 as f64).sqrt(),
-            elsewhere_w_m2: tally.difference_w_m2(&elsewhere),
+            elsewhere_w_m2: tally.difference_w_m2(),
         };
         set_errors(&mut found.row, found.error);
         Ok(found)
@@ -316,10 +313,14 @@ struct Tally {
     arrives: [Mean; 4],
     expected: [Mean; 4],
     rays: u64,
+    /// What arrives at the part of the receiver that the row does not stand for.
+    elsewhere: Mean,
 }
 
 impl Tally {
-    fn add(&mut self, quarter: usize, arrives: f64, expected: f64) {
+    /// Adds what arrived at a quarter of the receiver, or elsewhere.
+    fn add(&mut self, quarter: Option<usize>, arrives: f64, expected: f64) {
+        let Some(quarter) = quarter else { return self.elsewhere.add(arrives) };
         self.arrives[quarter].add(arrives);
         self.expected[quarter].add(expected);
         self.rays += 1;
@@ -330,7 +331,8 @@ impl Tally {
     }
 
     /// How much what arrives elsewhere changes the mean of all, beyond noise.
-    fn difference_w_m2(&self, elsewhere: &Mean) -> f64 {
+    fn difference_w_m2(&self) -> f64 {
+        let elsewhere = &self.elsewhere;
         let here = sum(&self.arrives) / self.rays.max(1) as f64;
         let noise = (here * relative_error(&self.arrives)).hypot(elsewhere.error());
         let share = elsewhere.count / (elsewhere.count + self.rays as f64).max(1.0);

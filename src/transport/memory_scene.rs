@@ -1,7 +1,6 @@
 //! A whole model in memory, solved as one group: the second implementation of [`Clusters`], for tests.
 
 use std::cell::RefCell;
-use std::collections::HashSet;
 use std::rc::Rc;
 
 use bytemuck::Zeroable;
@@ -23,7 +22,7 @@ use crate::geom::quadtree;
 use crate::model::geometry::{
     ClusterHead, GeometryView, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of,
 };
-use crate::model::light::LightView;
+use crate::model::light::{LightView, NEVER};
 use crate::model::links::LeafClosure;
 use crate::model::rays::{ClusterRef, TopRaysView};
 use crate::rays::RayScene;
@@ -123,7 +122,7 @@ impl MemoryScene {
             for side in 0..2 {
                 mesh.add_root(&geometry, PatchSide { patch: 0, side });
             }
-            let light = aligned(&records::encode(&mesh, &geometry, &materials, 0));
+            let light = aligned(&records::encode(&mesh, &geometry, &materials, NEVER));
             stored.push(Rc::new(Stored { head, tree, sectors, patches, materials, light }));
         }
         let (nodes, refs) = crate::rays::build::top(&refs);
@@ -174,7 +173,7 @@ impl MemoryScene {
             };
             let mut receiver = Receiver::new(view, mesh, rows);
             receiver.refine(&context, &visible).expect("memory does not fail");
-            let sealed = receiver.sealed_leaves(&context, &HashSet::new()).expect("memory does not fail");
+            let sealed = receiver.sealed_leaves(&context, &visible, |_| false).expect("memory does not fail").leaves;
             let mut counts = receiver.counts;
             let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
             let closure = closure::rows(
@@ -220,7 +219,7 @@ impl MemoryScene {
         for (i, member) in members.iter().enumerate() {
             let old = self.stored.borrow()[i].clone();
             let view = old.view();
-            let light = aligned(&records::encode(&member.mesh, &view.geometry, view.materials, 0));
+            let light = aligned(&records::encode(&member.mesh, &view.geometry, view.materials, NEVER));
             let new = Stored {
                 head: old.head,
                 tree: old.tree.clone(),

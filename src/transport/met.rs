@@ -6,7 +6,6 @@
 
 use glam::DVec3;
 
-use super::sight::is_smallest;
 use super::source::ClusterView;
 use crate::base::PatchSide;
 use crate::base::name::MAX_DEPTH;
@@ -52,7 +51,7 @@ pub fn element_at(cuts: &Cuts<'_>, view: &ClusterView<'_>, side: PatchSide, plac
 fn smallest_at(view: &ClusterView<'_>, root: Node, place: DVec3, min_element_m: f64) -> Node {
     let mut element = root;
     while element.name.depth() < MAX_DEPTH
-        && (!is_smallest(&element, min_element_m) || view.light.has_children(element.name))
+        && (!element.is_smallest(min_element_m) || view.light.has_children(element.name))
     {
         element = element.child(quadtree::child_at(&element.shape, place));
     }

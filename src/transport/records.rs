@@ -32,24 +32,20 @@ pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMateria
 /// See [`LightHead`]: of the largest elements that light leaves all over.
 fn lit(mesh: &Mesh, materials: &[SideMaterial]) -> u32 {
     let mut is_lit = vec![true; mesh.elements.len()];
-    let mut sum = 0;
     // Children lie behind their parents.
     for (at, element) in mesh.elements.iter().enumerate().rev() {
-        if element.is_leaf() {
+        is_lit[at] = if element.is_leaf() {
             let material = &materials[element.name.patch_side().index()];
             let reflected = Rgb::from_f32(material.rho).times(element.irradiance);
-            is_lit[at] = !(Rgb::from_f32(material.exitance) + reflected).is_black();
-            continue;
-        }
-        let first = element.first_child as usize;
-        is_lit[at] = is_lit[first..first + 4].iter().all(|lit| *lit);
-        if !is_lit[at] {
-            let children = &mesh.elements[first..first + 4];
-            sum ^= children.iter().zip(&is_lit[first..]).filter(|c| *c.1).fold(0, |sum, c| sum ^ mix(c.0.name.0));
-        }
+            !(Rgb::from_f32(material.exitance) + reflected).is_black()
+        } else {
+            let first = element.first_child as usize;
+            is_lit[first..first + 4].iter().all(|lit| *lit)
+        };
     }
-    let roots = mesh.elements.iter().zip(is_lit).filter(|(element, is_lit)| element.parent == NONE && *is_lit);
-    roots.fold(sum, |sum, (element, _)| sum ^ mix(element.name.0)) as u32
+    let is_largest = |parent: u32| parent == NONE || !is_lit[parent as usize];
+    let largest = mesh.elements.iter().zip(&is_lit).filter(|(element, is_lit)| **is_lit && is_largest(element.parent));
+    largest.fold(0, |sum, (element, _)| sum ^ mix(element.name.0)) as u32
 }
 
 /// Light of one patch side's root.
@@ -120,32 +116,13 @@ fn sectors(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial])
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::Zeroable;
-
     use super::*;
-    use crate::base::{ClusterId, NodeName, PatchSide};
-    use crate::model::geometry::PatchRecord;
-    use crate::transport::mesh::Element;
 
     #[test]
     fn what_is_lit_is_told_by_places_however_they_are_divided() {
-        let corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
-        let patch = PatchRecord { corners_m, corner_count: 4, area_m2: 4.0, ..PatchRecord::zeroed() };
         let materials = [SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }; 2];
-        let mesh_lit_by = |irradiance: f64| {
-            let mut mesh =
-                Mesh { cluster: ClusterId(3), sectors: Vec::new(), side_sector: Vec::new(), elements: Vec::new() };
-            mesh.elements.push(Element {
-                name: NodeName::root(ClusterId(3), PatchSide { patch: 0, side: 0 }),
-                first_child: NONE,
-                parent: NONE,
-                area_m2: 4.0,
-                irradiance: Rgb::grey(irradiance),
-                leaf_low: [irradiance; 3],
-                leaf_high: [irradiance; 3],
-            });
-            mesh
-        };
+        let mesh_lit_by = |irradiance: f64| Mesh::of_square(Rgb::grey(irradiance)).0;
+        let patch = Mesh::of_square(Rgb::BLACK).1;
         let (dark, mut mesh) = (lit(&mesh_lit_by(0.0), &materials), mesh_lit_by(1.0));
         let whole = lit(&mesh, &materials);
         assert!(dark == 0 && whole != 0);

@@ -306,80 +306,71 @@ impl<'a> Receiver<'a> {
 
     /// Tests a link between elements; one that does not hold is replaced by finer ones.
     fn test_elements(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<bool> {
-        let source = self.sources.source(context.clusters, link.source)?;
-        if self.is_surely_good(context, at, &source, link) {
-            return Ok(true);
-        }
-        let loaded = context.clusters.cluster(link.source.cluster())?;
-        let view = &loaded.view();
-        let name = self.mesh.elements[at].name;
-        let patch = &self.view.geometry.patches[usize::from(name.patch_side().patch)];
-        let r = Node::at(self.view.id, patch, name);
-        let verdict = self.test(context, view, at, &r, &source, link);
         let is_withheld = link.form_factor == 0.0;
-        match verdict {
+        let splits_receiver = match self.test(context, at, link)? {
             Verdict::Keep => return Ok(true),
             Verdict::Withhold if is_withheld => return Ok(true),
-            Verdict::Withhold => self.keep(self.position(at), link.source, &sight_of(link).without_light()),
-            Verdict::SplitReceiver if link.source.is_sector() => {
-                let lamp = Bundle::of(context.sides, view, link.source);
-                self.link_quarters(context, view, at, &r, &lamp);
+            Verdict::Withhold => {
+                self.keep(self.position(at), link.source, &sight_of(link).without_light());
+                return Ok(false);
             }
-            Verdict::SplitSource if link.source.is_sector() => {
-                let lamp = Bundle::of(context.sides, view, link.source);
-                self.link_parts(context, view, at, &r, &lamp);
+            Verdict::SplitReceiver => true,
+            Verdict::SplitSource => false,
+        };
+        let loaded = context.clusters.cluster(link.source.cluster())?;
+        let view = &loaded.view();
+        let r = &self.node_of_element(at);
+        if link.source.is_sector() {
+            let lamp = &Bundle::of(context.sides, view, link.source);
+            if splits_receiver {
+                self.link_quarters(context, view, at, r, lamp);
+            } else {
+                self.link_parts(context, view, at, r, lamp);
             }
-            Verdict::SplitReceiver => {
-                let known = Known::stored(link.class);
-                self.link_children(context, view, at, &r, &node(view, link.source), &known);
-            }
-            Verdict::SplitSource => {
-                let (s, known) = (node(view, link.source), Known::stored(link.class));
-                for quarter in 0..4 {
-                    self.link(context, view, at, &r, &s.child(quarter), &known);
-                }
+            return Ok(false);
+        }
+        let (s, known) = (&node(view, link.source), &Known::stored(link.class));
+        if splits_receiver {
+            self.link_children(context, view, at, r, s, known);
+        } else {
+            for quarter in 0..4 {
+                self.link(context, view, at, r, &s.child(quarter), known);
             }
         }
         Ok(false)
     }
 
-    /// Whether a bound on a link's error does, for which no shapes are needed.
-    fn is_surely_good(&self, context: &Context<'_>, at: usize, source: &KnownSource, link: &Link) -> bool {
-        let light = &source.light;
+    /// What is to be done with a stored link in today's light.
+    fn test(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<Verdict> {
+        let KnownSource { light, emits } = self.sources.source(context.clusters, link.source)?;
         let strength = self.strength(at, light.radiosity);
         let sight = sight_of(link);
+        // The cheap bound first: shapes are needed only where it does not do.
         let bound = (0.5 * sight.spread + sight.uncertainty) * strength
             + oracle::SOURCE_SIGN * sight.form_factor * light.spread * PARTIAL_VARIATION;
         let dim = self.is_dim(at, light.radiosity);
-        let follows = source.emits && !self.surveys;
-        !(follows && ((dim && light.divided) || self.cut[at] == Some(true)))
+        let follows = emits && !self.surveys;
+        if !(follows && ((dim && light.divided) || self.cut[at] == Some(true)))
             && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
-    }
-
-    fn test(
-        &mut self,
-        context: &Context<'_>,
-        view: &ClusterView<'_>,
-        at: usize,
-        r: &Node,
-        source: &KnownSource,
-        link: &Link,
-    ) -> Verdict {
-        let light = &source.light;
-        let strength = self.strength(at, light.radiosity);
-        let sight = sight_of(link);
-        let dim = self.is_dim(at, light.radiosity);
-        let follows = source.emits && !self.surveys;
+        {
+            return Ok(Verdict::Keep);
+        }
+        let r = &self.node_of_element(at);
         self.find_out_whether_cut(context, at, r);
         if link.source.is_sector() {
             let case = self.case(at, r, PARTIAL_VARIATION);
-            return oracle::judge(&sight, strength, light, &case, &context.tolerances);
+            return Ok(oracle::judge(&sight, strength, &light, &case, &context.tolerances));
         }
-        let s = node(view, link.source);
+        let s = node(&context.clusters.cluster(link.source.cluster())?.view(), link.source);
         let may_be_sealed = follows && dim && context.cuts.is_cut(&s);
         let receiver_is_cut = follows && self.cut[at] == Some(true);
         let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, variation(r, &s, link.class)) };
-        oracle::judge(&sight, strength, light, &case, &context.tolerances)
+        Ok(oracle::judge(&sight, strength, &light, &case, &context.tolerances))
+    }
+
+    /// An element of the receiver with its shape.
+    fn node_of_element(&self, at: usize) -> Node {
+        node(&self.view, self.mesh.elements[at].name)
     }
 }
 

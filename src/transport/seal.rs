@@ -10,12 +10,13 @@ use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::refine::{Context, Receiver, Scope};
 use super::sectors::{bring_down, sum_up};
-use super::sight::{is_smallest, smallest_region};
+use super::sight::smallest_region;
 use super::source::{ClusterView, Clusters};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, NodeName, Result};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::geometry::NONE;
+use crate::model::light::NEVER;
 use crate::model::links::Visibility;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
@@ -28,13 +29,28 @@ const RAYS: u64 = 64;
 /// Keeps these rays apart from others of the same leaf.
 const SALT: u64 = 0x5ea1;
 
+/// Leaves that see nothing lit.
+pub struct Sealed {
+    /// Their names.
+    pub leaves: HashSet<NodeName>,
+    /// What was lit when they were asked, or [`NEVER`]: see [`crate::model::light::LightHead`].
+    pub seen: u32,
+}
+
 impl Receiver<'_> {
-    /// The leaves that light is linked to and that see none; `known` are those that are known to see none, if nothing
-    /// is linked to them.
-    pub fn sealed_leaves(&mut self, context: &Context<'_>, known: &HashSet<NodeName>) -> Result<HashSet<NodeName>> {
+    /// The leaves that light is linked to and that see none of it. Those that `was_sealed` before see none as long as
+    /// no other place in sight is lit.
+    pub fn sealed_leaves(
+        &mut self,
+        context: &Context<'_>,
+        visible: &[ClusterId],
+        was_sealed: impl Fn(NodeName) -> bool,
+    ) -> Result<Sealed> {
         let mut sealed = HashSet::new();
         // Where lights alone are sources, other links may be there from before: after a lamp has changed.
         let by_rays = context.scope == Scope::Everything || self.surveys;
+        let seen = if by_rays { lit_in_sight(context.clusters, visible)? } else { NEVER };
+        let is_known = by_rays && seen == self.view.light.head.seen;
         let sectors = self.mesh.sectors.len();
         let has_links = |rows: &[Vec<Link>], at: usize, surveys_too: bool| {
             let counts = |link: &Link| link.form_factor > 0.0 && (surveys_too || link.class != Visibility::Surveyed);
@@ -62,13 +78,13 @@ impl Receiver<'_> {
             }
             let patch = &self.view.geometry.patches[usize::from(element.name.patch_side().patch)];
             let leaf = Node::at(self.view.id, patch, element.name);
-            let may_see = by_rays && !known.contains(&element.name);
+            let may_see = by_rays && !(is_known && was_sealed(element.name));
             let sees_light = may_see && sees_light(context, &leaf, &mut self.counts.rays)?;
             if !sees_light && !self.is_lit_by_an_emitter(context, at, &mut lit_by_emitters)? {
                 sealed.insert(element.name);
             }
         }
-        Ok(sealed)
+        Ok(Sealed { leaves: sealed, seen })
     }
 
     /// Splits a cut element that light reaches down to elements that lie on one side of what cuts it, so that
@@ -78,7 +94,7 @@ impl Receiver<'_> {
             return;
         }
         self.find_out_whether_cut(context, at, r);
-        let has_levels = r.name.depth() < MAX_DEPTH && !is_smallest(r, context.tolerances.min_element_m);
+        let has_levels = r.name.depth() < MAX_DEPTH && !r.is_smallest(context.tolerances.min_element_m);
         if self.cut[at] != Some(true) || !has_levels {
             return;
         }
@@ -97,8 +113,9 @@ impl Receiver<'_> {
         let parent = self.mesh.elements[at].parent;
         // Links of elements that do not follow cuts tell nothing of the parts.
         let above_tells = parent != NONE && !self.surveys;
+        let position = self.position(at);
         let mut is_lit = above_tells && self.is_lit_by_an_emitter(context, parent as usize, known)?;
-        for link in self.rows[self.mesh.sectors.len() + at].iter().filter(|link| link.form_factor > 0.0) {
+        for link in self.rows[position].iter().filter(|link| link.form_factor > 0.0) {
             if is_lit {
                 break;
             }
@@ -132,13 +149,12 @@ pub fn lift(mesh: &Mesh, is_sealed: impl Fn(NodeName) -> bool) -> Vec<f64> {
 }
 
 /// Tells which places light leaves that a cluster may see: see [`crate::model::light::LightHead`].
-pub fn lit_in_sight(clusters: &dyn Clusters, visible: &[ClusterId]) -> Result<u32> {
+fn lit_in_sight(clusters: &dyn Clusters, visible: &[ClusterId]) -> Result<u32> {
     let mut sum = 0;
     for &id in visible {
         sum = mix(sum ^ u64::from(clusters.cluster(id)?.view().light.head.lit));
     }
-    // 0 stands for never.
-    Ok((sum as u32).max(1))
+    Ok((sum as u32).max(NEVER + 1))
 }
 
 fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool> {
@@ -185,27 +201,14 @@ mod tests {
     use bytemuck::Zeroable;
 
     use super::*;
-    use crate::base::{PatchSide, Rgb};
-    use crate::model::geometry::PatchRecord;
+    use crate::base::Rgb;
     use crate::model::links::LeafClosure;
     use crate::transport::push_pull::{Gathered, factors, push_pull};
 
     #[test]
     fn light_from_above_goes_to_leaves_that_are_not_sealed_and_keeps_its_power() {
-        let corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
-        let patch = PatchRecord { corners_m, corner_count: 4, area_m2: 4.0, ..PatchRecord::zeroed() };
-        let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let mut mesh =
-            Mesh { cluster: ClusterId(0), sectors: Vec::new(), side_sector: Vec::new(), elements: Vec::new() };
-        mesh.elements.push(crate::transport::mesh::Element {
-            name: root,
-            first_child: NONE,
-            parent: NONE,
-            area_m2: 4.0,
-            irradiance: Rgb::BLACK,
-            leaf_low: [0.0; 3],
-            leaf_high: [0.0; 3],
-        });
+        let (mut mesh, patch) = Mesh::of_square(Rgb::BLACK);
+        let root = mesh.elements[0].name;
         mesh.split(0, &patch);
         let open = LeafClosure { own_scale: 1.0, above_scale: 1.0, ..LeafClosure::zeroed() };
         let closure: Vec<LeafClosure> = (0..4)

@@ -193,16 +193,10 @@ pub(super) fn judged(
     (sample(Care { seed: care.seed ^ FRESH, rays: Some(cast), ..care }).0, verdict)
 }
 
-/// Whether an element is too short to be split.
-#[must_use]
-pub fn is_smallest(node: &Node, min_element_m: f64) -> bool {
-    quadtree::child_edge_m(&node.shape) < min_element_m
-}
-
 /// The part that stands for an element too short to be split; `None` for larger ones, and if nothing cuts it.
 #[must_use]
 pub fn smallest_region(cuts: &Cuts<'_>, node: &Node) -> Option<Region> {
-    if is_smallest(node, cuts.min_element_m()) { cuts.region(node) } else { None }
+    if node.is_smallest(cuts.min_element_m()) { cuts.region(node) } else { None }
 }
 
 /// Share that n agreeing rays may have missed, times n: a quarter of what they are expected to.
@@ -357,7 +351,7 @@ fn sample(
     let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::quarter(&r.shape, q as u32));
     let cells = Cells::new(r, s);
-    let s_is_smallest = is_smallest(s, cuts.min_element_m());
+    let s_is_smallest = s.is_smallest(cuts.min_element_m());
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.

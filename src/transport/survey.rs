@@ -20,7 +20,7 @@ use super::link_rows::Link;
 use super::met::element_at;
 use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
-use super::sight::{Known, is_smallest, sees_whole, smallest_region};
+use super::sight::{Known, sees_whole, smallest_region};
 use super::survey_row::{Worth, counted_error, mean, pack_quarters, worth};
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
@@ -347,7 +347,7 @@ const NARROW: f64 = 0.25;
 pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
     let narrow_m = NARROW * smallest_m;
     r.as_element()
-        .is_none_or(|n| n.name.depth() < MAX_DEPTH && !is_smallest(n, smallest_m) && r.area_m2 > narrow_m * narrow_m)
+        .is_none_or(|n| n.name.depth() < MAX_DEPTH && !n.is_smallest(smallest_m) && r.area_m2 > narrow_m * narrow_m)
 }
 
 /// A link that carries nothing: tells that a node has been surveyed, and by how many rays.
