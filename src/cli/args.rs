@@ -84,7 +84,7 @@ pub enum Verb {
     /// Say where the work is, what is running, what is next
     #[command(after_help = "Examples:\n  clerestory status office.clr\n  clerestory status office.clr --settings")]
     Status(StatusArgs),
-    /// Verify every checksum, reference and invariant; names each damage
+    /// Verify every checksum, reference and invariant; names each damage, counts links by level
     #[command(after_help = "Examples:\n  clerestory check office.clr\n  clerestory check office.clr --json")]
     Check(StoreArgs),
     /// Remove old solution versions and unused bytes

@@ -89,6 +89,9 @@ impl<'a> LightView<'a> {
     /// The element of that name, if stored.
     #[must_use]
     pub fn find(&self, name: NodeName) -> Option<&'a ElementLight> {
+        if name.depth() == 0 {
+            return self.level(0).get(name.patch_side().index());
+        }
         let level = self.level(name.depth());
         level.binary_search_by_key(&name.0, |e| e.name).ok().map(|i| &level[i])
     }

@@ -1,10 +1,11 @@
-//! `check`: verifies every checksum, reference and invariant of a store, and names each damage.
+//! `check`: verifies every checksum, reference and invariant of a store, names each damage and counts links by level.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::link_levels::{self, LevelCount};
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::geometry::GeometryView;
 use crate::model::rays::{RayNode, RayPatch, TOP, TopRaysView};
@@ -43,6 +44,8 @@ pub struct Summary {
     pub segments: u64,
     /// Bytes whose checksums are right.
     pub bytes_verified: u64,
+    /// Links of the newest version; none where anything is damaged.
+    pub links_by_level: Vec<LevelCount>,
     /// The command to type next.
     pub next: Option<String>,
 }
@@ -52,6 +55,7 @@ impl super::summary::Summary for Summary {
         let mib = self.bytes_verified as f64 / f64::from(1 << 20);
         let mut lines =
             vec![format!("{} segments, {mib:.1} MiB verified, {} damages", self.segments, self.damages_total)];
+        lines.extend(self.links_by_level.iter().map(LevelCount::line));
         lines.extend(self.damages.iter().map(|d| format!("{}: {} {}: {}", d.path.display(), d.kind, d.id, d.detail)));
         lines
     }
@@ -226,6 +230,9 @@ pub fn execute(store: &Store, _options: &Options, progress: &dyn Progress) -> Re
     }
     checker.segments(progress)?;
     let mut summary = checker.summary;
+    if summary.damages.is_empty() && store.facts_if_any()?.is_some() {
+        summary.links_by_level = link_levels::count(store)?;
+    }
     let dir = store.dir().display();
     let next = if summary.damages.is_empty() { "status" } else { "ingest --fresh" };
     summary.next = Some(format!("clerestory {next} {dir}"));

@@ -116,7 +116,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         self.gather_and_relax(clusters, &mut members, &rows, &mut report)?;
         self.write_light(clusters, &members, &seen, writer, &mut rows)?;
         for (member, closure) in members.iter().zip(&closures) {
-            count_energy(member, closure, &mut report);
+            self.count_energy(member, closure, &mut report)?;
         }
         report.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
         Ok(Solved { rows, report })
@@ -239,6 +239,39 @@ impl<'a, 's> GroupSolver<'a, 's> {
         }
         Ok(())
     }
+
+    /// Adds a cluster's power to the report: what its sides emit and absorb, and what leaves the model.
+    fn count_energy(&self, member: &Member, closure: &[LeafClosure], report: &mut TaskReport) -> Result<()> {
+        let loaded = self.set.mapped(member.mesh.cluster)?;
+        let view = loaded.view();
+        let add = |sum: &mut [f64; 3], power: Rgb| {
+            for (s, p) in sum.iter_mut().zip(power.0) {
+                *s += p;
+            }
+        };
+        for element in member.mesh.elements.iter().filter(|e| e.is_leaf()) {
+            let at = element.name.patch_side();
+            let material = &member.materials[at.index()];
+            add(&mut report.emitted_w, Rgb::from_f32(material.exitance) * element.area_m2);
+            if element.irradiance.is_black() {
+                continue;
+            }
+            let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
+            let leaf = Node::at(view.id, &view.geometry.patches[usize::from(at.patch)], element.name);
+            let open = seal::open_share(&self.cuts, self.set, &leaf, self.settings.seed)?;
+            add(&mut report.absorbed_w, absorbed * (element.area_m2 * open));
+        }
+        for c in closure {
+            let at = member.mesh.nearest(NodeName(c.leaf));
+            let area = member.mesh.elements[at].area_m2;
+            add(&mut report.escaped_w, member.radiosity(at) * (area * f64::from(c.escape)));
+            if !member.mesh.elements[at].irradiance.is_black() {
+                report.unlinked_area_m2 += area * f64::from(c.unlinked);
+                report.lit_area_m2 += area;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Links of one cluster that are worth giving back at once.
@@ -277,28 +310,4 @@ fn member(
     let factors = push_pull::factors(&mesh, lift, closure);
     let materials = set.mapped(id)?.view().materials.to_vec();
     Ok(Member { mesh, materials, external: Vec::new(), factors, first })
-}
-
-/// Adds a cluster's power to the report: what its sides emit and absorb, and what leaves the model.
-fn count_energy(member: &Member, closure: &[LeafClosure], report: &mut TaskReport) {
-    let add = |sum: &mut [f64; 3], power: Rgb| {
-        for (s, p) in sum.iter_mut().zip(power.0) {
-            *s += p;
-        }
-    };
-    for element in member.mesh.elements.iter().filter(|e| e.is_leaf()) {
-        let material = &member.materials[element.name.patch_side().index()];
-        let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
-        add(&mut report.emitted_w, Rgb::from_f32(material.exitance) * element.area_m2);
-        add(&mut report.absorbed_w, absorbed * element.area_m2);
-    }
-    for c in closure {
-        let at = member.mesh.nearest(NodeName(c.leaf));
-        let area = member.mesh.elements[at].area_m2;
-        add(&mut report.escaped_w, member.radiosity(at) * (area * f64::from(c.escape)));
-        if !member.mesh.elements[at].irradiance.is_black() {
-            report.unlinked_area_m2 += area * f64::from(c.unlinked);
-            report.lit_area_m2 += area;
-        }
-    }
 }

@@ -10,6 +10,7 @@ pub mod group_solver;
 pub mod ingest;
 pub mod leaves;
 pub mod link_extent;
+pub mod link_levels;
 pub mod merge;
 pub mod output;
 pub mod partition;

@@ -15,8 +15,9 @@ use super::link_rows::Link;
 use super::refine::{Context, Receiver};
 use super::sight::{Mean, smallest_region};
 use super::source_memo::KnownSource;
-use super::survey::{self, DARK, FINAL, LARGE, Lit, PILOT, RAYS, Verdict, can_divide};
+use super::survey::{self, FINAL, Lit, PILOT, RAYS};
 use super::survey_row::{Worth, pack_quarters, worth};
+use super::survey_verdict::{DARK, LARGE, Verdict, can_divide, is_uneven};
 use crate::base::{ClusterId, Error, NodeName, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::Visibility;
@@ -69,6 +70,9 @@ impl Receiver<'_> {
         if context.progress.interrupted() {
             return Err(Error::Interrupted);
         }
+        if is_uneven(r, context.tolerances.min_element_m) {
+            return self.survey_lamps_below(context, r, lamps);
+        }
         let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
         let pilot = self.draw(context, r, region.as_ref(), lamps, RAYS.0, PILOT)?;
         let mut worth = worth(&pilot.row, self.irradiance_of(r.name));
@@ -84,12 +88,14 @@ impl Receiver<'_> {
                 self.counts.evaluated += counted.row.len() as u64;
                 self.keep_row(context, r, mark(r.name, rays, pilot.error), counted.row, &pilot.row);
             }
-            _ => {
-                for name in self.divide(r) {
-                    let below = Bundle::of(context.sides, &self.view, name);
-                    self.survey_lamps_of(context, &below, lamps)?;
-                }
-            }
+            _ => self.survey_lamps_below(context, r, lamps)?,
+        }
+        Ok(())
+    }
+
+    fn survey_lamps_below(&mut self, context: &Context<'_>, r: &Bundle, lamps: &mut Lamps<'_>) -> Result<()> {
+        for name in self.divide(r) {
+            self.survey_lamps_of(context, &Bundle::of(context.sides, &self.view, name), lamps)?;
         }
         Ok(())
     }

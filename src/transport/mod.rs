@@ -29,6 +29,7 @@ pub mod source;
 mod source_memo;
 pub mod survey;
 pub mod survey_row;
+mod survey_verdict;
 
 #[cfg(test)]
 mod form_factor_tests;

@@ -28,6 +28,7 @@ const RAYS: u64 = 64;
 
 /// Keeps these rays apart from others of the same leaf.
 const SALT: u64 = 0x5ea1;
+const OPEN_SALT: u64 = 0x09e4;
 
 /// Leaves that see nothing lit.
 pub struct Sealed {
@@ -181,6 +182,33 @@ fn sees_light(context: &Context<'_>, leaf: &Node, rays: &mut u64) -> Result<bool
         }
     }
     Ok(false)
+}
+
+/// Share of a leaf that light reaches, where it stands for its largest part alone: the rest may be hidden in what
+/// stands there, and neither gets nor sends any.
+pub fn open_share(cuts: &Cuts<'_>, clusters: &dyn Clusters, leaf: &Node, seed: u64) -> Result<f64> {
+    if leaf.name.depth() > 0 {
+        return Ok(1.0);
+    }
+    let Some(region) = smallest_region(cuts, leaf) else { return Ok(1.0) };
+    let sequence = Sequence::new(mix(seed ^ mix(leaf.name.0)) ^ OPEN_SALT);
+    let mut open = 0;
+    for i in 0..RAYS {
+        let [a, b, c, d] = sequence.point(i);
+        let from = leaf.shape.point(a, b);
+        let direction = cosine_direction(leaf.normal, c, d);
+        let is_open = region.holds(cuts.scene(), from)
+            || match cuts.scene().nearest(from, direction, Some(&leaf.end)) {
+                Nearest::Escaped => true,
+                Nearest::Covered => false,
+                Nearest::Met(hit) => {
+                    let cluster = clusters.cluster(ClusterId(hit.key.cluster))?;
+                    is_lit(cuts, &cluster.view(), &hit, from + direction * hit.t)
+                }
+            };
+        open += u64::from(is_open);
+    }
+    Ok(open as f64 / RAYS as f64)
 }
 
 /// Whether light leaves the place that a ray met: a leaf stands for the part that holds its anchor.

@@ -22,7 +22,7 @@ use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
 use super::sight::{Known, sees_whole, smallest_region};
 use super::survey_row::{Worth, counted_error, mean, pack_quarters, worth};
-use crate::base::name::MAX_DEPTH;
+use super::survey_verdict::{DARK, Verdict, is_uneven};
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::geometry::NONE;
@@ -33,19 +33,6 @@ use crate::rays::traverse::Nearest;
 
 /// Rays of a node, first and at most.
 pub(super) const RAYS: (u64, u64) = (64, 1024);
-
-/// Share of the error that a row may carry which noise may make up.
-const NOISE_SHARE: f64 = 0.5;
-
-/// Edge, in smallest elements, of a node beyond which noise must fall as area grows: else few large nodes, seeing
-/// little, would carry most of the error of all power.
-pub(super) const LARGE: f64 = 8.0;
-
-/// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
-pub(super) const DARK: f64 = 1e-3;
-
-/// Share of the smallest element's edge down to which what is close by is resolved.
-const NEAR_FLOOR: f64 = 0.25;
 
 /// Sides, of those that a node's first rays meet most, that are tried for being seen whole.
 const TRIED: usize = 16;
@@ -67,14 +54,6 @@ struct Cast {
     open: [u64; 4],
     /// Rays that began below another face.
     covered: [u64; 4],
-}
-
-/// What is to be done with a node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
-    /// Keep a row; so many rays would be enough.
-    Keep(u64),
-    Split,
 }
 
 /// Links with the radiosities of their sources, W/m2.
@@ -112,6 +91,9 @@ impl Receiver<'_> {
     fn survey(&mut self, context: &Context<'_>, r: &Bundle, whole: &[NodeName]) -> Result<()> {
         if context.progress.interrupted() {
             return Err(Error::Interrupted);
+        }
+        if is_uneven(r, context.tolerances.min_element_m) {
+            return self.survey_below(context, r, whole);
         }
         let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
         // Parts that lamps told apart are not what one of them stands for.
@@ -253,33 +235,6 @@ impl Receiver<'_> {
         whole
     }
 
-    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2).
-    fn can_resolve(&self, context: &Context<'_>, r: &Bundle, unresolved: f64) -> bool {
-        let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
-        let excess = unresolved / context.tolerances.row_w_m2;
-        let matters = excess > 1.0 && excess * r.area_m2 > floor_m * floor_m;
-        matters && can_divide(r, floor_m)
-    }
-
-    /// Verdict on a node that may be divided down to elements of `smallest_m`.
-    pub(super) fn verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth, smallest_m: f64) -> Verdict {
-        let tolerances = &context.tolerances;
-        let floor_m2 = tolerances.min_element_m * tolerances.min_element_m;
-        let matters = |error: f64| {
-            let excess = error / tolerances.row_w_m2;
-            excess > 1.0 && excess * r.area_m2 > floor_m2
-        };
-        if can_divide(r, smallest_m) && matters(worth.gradient) {
-            return Verdict::Split;
-        }
-        let noise = worth.noise / NOISE_SHARE * (r.area_m2 / (LARGE * LARGE * floor_m2)).sqrt().max(1.0);
-        if !matters(noise) {
-            return Verdict::Keep(RAYS.0);
-        }
-        let excess = noise / tolerances.row_w_m2;
-        Verdict::Keep(((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two())
-    }
-
     /// Casts `target` rays from a node.
     fn cast(&mut self, context: &Context<'_>, r: &Bundle, region: Option<&Region>, target: u64, salt: u64) -> Cast {
         let mut cast = Cast { met: Vec::new(), open: [0; 4], covered: [0; 4] };
@@ -338,16 +293,6 @@ impl Cast {
         let all = share(self.covered.iter().sum(), self.rays());
         self.covered.iter().zip(self.open).map(|(c, o)| (share(*c, o) - all).abs()).fold(0.0, f64::max)
     }
-}
-
-/// Width of a strip, in smallest elements, beyond which its quarters would be more for its width than for its length.
-const NARROW: f64 = 0.25;
-
-/// Whether a node may be divided into elements no smaller than `smallest_m`.
-pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
-    let narrow_m = NARROW * smallest_m;
-    r.as_element()
-        .is_none_or(|n| n.name.depth() < MAX_DEPTH && !n.is_smallest(smallest_m) && r.area_m2 > narrow_m * narrow_m)
 }
 
 /// A link that carries nothing: tells that a node has been surveyed, and by how many rays.
