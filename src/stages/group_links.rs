@@ -4,8 +4,6 @@
 
 use std::collections::HashMap;
 
-use lru::LruCache;
-
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, Result, Rgb};
 use crate::model::ExtentKind;
@@ -42,6 +40,15 @@ pub struct LinkStore<'a, 's> {
     pub recompute: Recompute<'a>,
     /// Whether links are kept.
     pub keep: bool,
+}
+
+/// Sources that links are asked for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// Those outside the group, by their radiosity.
+    Outside,
+    /// Those inside, by their position; the light of others is not looked up.
+    Inside,
 }
 
 /// What the names of a dictionary stand for during a visit.
@@ -87,7 +94,7 @@ impl<'s> LinkStore<'_, 's> {
         Ok(Chain(extents))
     }
 
-    fn resolve(&self, names: &[u64], members: &[Member]) -> Result<SourceTable> {
+    fn resolve(&self, names: &[u64], members: &[Member], wanted: Wanted) -> Result<SourceTable> {
         let mut places = Vec::with_capacity(names.len());
         for &name in names {
             let name = NodeName(name);
@@ -96,6 +103,7 @@ impl<'s> LinkStore<'_, 's> {
                     let member = &members[index];
                     Place::Inside((member.first + member.mesh.position(name)) as u32)
                 }
+                Err(_) if wanted == Wanted::Inside => Place::Outside(Rgb::BLACK),
                 Err(_) => Place::Outside(self.set.mapped(name.cluster())?.view().source(name).radiosity),
             });
         }
@@ -108,13 +116,14 @@ impl<'s> LinkStore<'_, 's> {
         &self,
         index: usize,
         members: &[Member],
+        wanted: Wanted,
         mut visit: impl FnMut(&SourceTable, usize, usize, &Link),
     ) -> Result<()> {
         let mesh = &members[index].mesh;
         if !self.keep {
             for (receiver, row) in (self.recompute)(index)? {
                 let names: Vec<u64> = row.iter().map(|l| l.source.0).collect();
-                let table = self.resolve(&names, members)?;
+                let table = self.resolve(&names, members, wanted)?;
                 for (at, link) in row.iter().enumerate() {
                     visit(&table, mesh.position(receiver), at, link);
                 }
@@ -125,7 +134,7 @@ impl<'s> LinkStore<'_, 's> {
         let new = self.new.iter().find(|r| r.cluster == id && r.kind == ExtentKind::Links);
         let chain = Self::chain(self.set, id, new)?;
         let views = chain.views()?;
-        let tables: Vec<_> = views.iter().map(|v| self.resolve(v.sources, members)).collect::<Result<_>>()?;
+        let tables: Vec<_> = views.iter().map(|v| self.resolve(v.sources, members, wanted)).collect::<Result<_>>()?;
         link_rows::for_each_row(&views, |receiver, view, range| {
             let table = &tables[views.iter().position(|v| std::ptr::eq(v, view)).expect("one of the views")];
             let receiver = mesh.position(receiver);
@@ -137,12 +146,12 @@ impl<'s> LinkStore<'_, 's> {
     }
 }
 
-/// Links within the group, decoded; the least recently used make room. A member's links are counted when
-/// they are first streamed and held from the second time on: so room is made before, and no more is taken
-/// than they need.
+/// Links within the group, decoded, as many as there is room for. A member's links are counted when they are first
+/// streamed and held from the second time on: so no more is taken than they need. What is held stays: sweeps go round,
+/// and what was used least recently is what is needed next.
 pub struct GroupLinks<'a, 's> {
     store: &'a LinkStore<'a, 's>,
-    cache: LruCache<usize, Vec<InnerLink>>,
+    held: HashMap<usize, Vec<InnerLink>>,
     /// Links of members streamed before.
     counts: HashMap<usize, usize>,
     bytes: u64,
@@ -155,8 +164,8 @@ impl<'a, 's> GroupLinks<'a, 's> {
     /// An empty cache.
     #[must_use]
     pub fn new(store: &'a LinkStore<'a, 's>, limit_bytes: u64) -> Self {
-        let cache = LruCache::unbounded();
-        Self { store, cache, counts: HashMap::new(), bytes: 0, limit_bytes, reused: 0, recomputed: 0 }
+        let (held, counts) = (HashMap::new(), HashMap::new());
+        Self { store, held, counts, bytes: 0, limit_bytes, reused: 0, recomputed: 0 }
     }
 
     /// Links used again without being evaluated again.
@@ -171,23 +180,15 @@ impl<'a, 's> GroupLinks<'a, 's> {
         self.recomputed
     }
 
-    /// Room for a member's links, if they may be held.
-    fn room(&mut self, index: usize) -> Option<Vec<InnerLink>> {
+    /// Room for a member's links, if there is any.
+    fn room(&self, index: usize) -> Option<Vec<InnerLink>> {
         // Links that would have to be made again are worth holding at once.
         let count = if self.store.keep { *self.counts.get(&index)? } else { 0 };
-        let needed = bytes_of(count);
-        if needed > self.limit_bytes {
-            return None;
-        }
-        self.make_room(needed);
-        Some(Vec::with_capacity(count))
+        self.has_room(count).then(|| Vec::with_capacity(count))
     }
 
-    fn make_room(&mut self, needed: u64) {
-        while self.bytes + needed > self.limit_bytes {
-            let Some((_, dropped)) = self.cache.pop_lru() else { break };
-            self.bytes -= bytes_of(dropped.capacity());
-        }
+    fn has_room(&self, links: usize) -> bool {
+        self.bytes + bytes_of(links) <= self.limit_bytes
     }
 }
 
@@ -197,7 +198,7 @@ fn bytes_of(links: usize) -> u64 {
 
 impl InnerLinks for GroupLinks<'_, '_> {
     fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
-        if let Some(known) = self.cache.get(&index) {
+        if let Some(known) = self.held.get(&index) {
             self.reused += known.len() as u64;
             known.iter().for_each(visit);
             return Ok(());
@@ -205,7 +206,7 @@ impl InnerLinks for GroupLinks<'_, '_> {
         let mut held = self.room(index);
         let mut count = 0;
         let mesh = &members[index].mesh;
-        self.store.visit(index, members, |table, receiver, source, link| {
+        self.store.visit(index, members, Wanted::Inside, |table, receiver, source, link| {
             if let Some(source) = table.inside(source)
                 && link.form_factor > 0.0
             {
@@ -226,11 +227,9 @@ impl InnerLinks for GroupLinks<'_, '_> {
         }
         if let Some(mut links) = held {
             links.shrink_to_fit();
-            let needed = bytes_of(links.capacity());
-            self.make_room(needed);
-            if needed <= self.limit_bytes {
-                self.bytes += needed;
-                self.cache.put(index, links);
+            if self.has_room(links.capacity()) {
+                self.bytes += bytes_of(links.capacity());
+                self.held.insert(index, links);
             }
         }
         Ok(())

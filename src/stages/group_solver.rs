@@ -4,7 +4,7 @@
 
 use std::collections::HashMap;
 
-use super::group_links::{GroupLinks, LinkStore, SourceTable};
+use super::group_links::{GroupLinks, LinkStore, SourceTable, Wanted};
 use super::link_extent::LinkExtent;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, Progress, Result, Rgb};
@@ -201,7 +201,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         for index in 0..members.len() {
             let mesh = &members[index].mesh;
             let mut external = vec![Gathered::default(); mesh.node_count()];
-            store.visit(index, members, |table: &SourceTable, receiver, source, link| {
+            store.visit(index, members, Wanted::Outside, |table: &SourceTable, receiver, source, link| {
                 if let Some(radiosity) = table.outside(source) {
                     let error = closure::error(link, mesh.is_leaf_at(receiver));
                     external[receiver].add(radiosity, f64::from(link.form_factor), error);

@@ -53,12 +53,18 @@ impl Receiver<'_> {
         if can_divide(r, smallest_m) && matters(worth.gradient) || self.straddles(context, r, worth) {
             return Verdict::Split;
         }
-        let noise = worth.noise / NOISE_SHARE * (r.area_m2 / (LARGE * LARGE * floor_m2)).sqrt().max(1.0);
+        let size = r.area_m2 / (LARGE * LARGE * floor_m2);
+        let noise = worth.noise / NOISE_SHARE * size.sqrt().max(1.0);
         if !matters(noise) {
             return Verdict::Keep(RAYS.0);
         }
         let excess = noise / tolerances.row_w_m2;
-        Verdict::Keep(((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two())
+        let wanted = ((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two();
+        // The few rays that decide see little of what is small and bright: where many are wanted, more are.
+        if size > 1.0 && wanted > RAYS.1 / 4 && can_divide(r, smallest_m) {
+            return Verdict::Split;
+        }
+        Verdict::Keep(wanted)
     }
 
     /// Whether a node may lie on both sides of a wall of which one gets far more than the other: little as that may be,
