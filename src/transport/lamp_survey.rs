@@ -17,7 +17,7 @@ use super::sight::{Mean, smallest_region};
 use super::source_memo::KnownSource;
 use super::survey::{self, FINAL, Lit, PILOT, RAYS};
 use super::survey_row::{Worth, pack_quarters, worth};
-use super::survey_verdict::{DARK, LARGE, Verdict, can_divide, is_uneven};
+use super::survey_verdict::{DARK, Verdict, can_divide, is_uneven};
 use crate::base::{ClusterId, Error, NodeName, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::Visibility;
@@ -104,14 +104,8 @@ impl Receiver<'_> {
     /// ways, which no number of rays mends; and noise that rays do not get rid of hides that few places see a lamp,
     /// whose light would be spread over all.
     fn lamp_verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> Verdict {
-        let floor_m = context.tolerances.min_element_m;
-        let smallest_m = BRIGHT_FLOOR * floor_m;
-        let large_m = LARGE * floor_m;
-        let most = match r.as_element() {
-            None => RAYS.0,
-            Some(_) if r.area_m2 > large_m * large_m => RAYS.1 / 2,
-            Some(_) => MOST_WANTED,
-        };
+        let smallest_m = BRIGHT_FLOOR * context.tolerances.min_element_m;
+        let most = if r.as_element().is_some() { MOST_WANTED } else { RAYS.0 };
         match self.verdict(context, r, worth, smallest_m) {
             Verdict::Keep(rays) if rays > most && can_divide(r, smallest_m) => Verdict::Split,
             verdict => verdict,

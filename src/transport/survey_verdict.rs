@@ -11,7 +11,7 @@ const NOISE_SHARE: f64 = 0.5;
 
 /// Edge, in smallest elements, of a node beyond which noise must fall as area grows: else few large nodes, seeing
 /// little, would carry most of the error of all power.
-pub(super) const LARGE: f64 = 8.0;
+const LARGE: f64 = 8.0;
 
 /// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
 pub(super) const DARK: f64 = 1e-3;
