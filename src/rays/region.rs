@@ -78,6 +78,14 @@ impl<'a> Cuts<'a> {
         Region::round(&self.scene, node, anchor, self.min_element_m).holds(&self.scene, place)
     }
 
+    /// Whether the place that stands for a node is seen from a point.
+    #[must_use]
+    pub fn sees_part(&self, node: &Node, from: DVec3) -> bool {
+        let anchor = self.anchor(node).unwrap_or(0);
+        let region = Region::round(&self.scene, node, anchor, self.min_element_m);
+        !self.scene.blocked_between(from, region.anchor + region.lifts[1])
+    }
+
     /// The part that stands for a node; `None` if nothing cuts it.
     #[must_use]
     pub fn region(&self, node: &Node) -> Option<Region> {

@@ -13,7 +13,7 @@ use crate::store::tasks::UpdateRow;
 use crate::transport::closure;
 use crate::transport::link_rows::{self, Link};
 use crate::transport::relax::{InnerLink, InnerLinks, Member};
-use crate::transport::source::Loaded;
+use crate::transport::source_memo::SourceMemo;
 
 /// A cluster's link extents, base first.
 pub struct Chain(Vec<Extent>);
@@ -32,6 +32,8 @@ pub type Recompute<'a> = &'a dyn Fn(usize) -> Result<Vec<(NodeName, Vec<Link>)>>
 pub struct LinkStore<'a, 's> {
     /// The version that is read.
     pub set: &'a WorkingSet<'s>,
+    /// What links lead to.
+    pub sources: &'a SourceMemo,
     /// The group's clusters, ascending.
     pub clusters: &'a [ClusterId],
     /// Link extents written by this visit.
@@ -104,7 +106,7 @@ impl<'s> LinkStore<'_, 's> {
                     Place::Inside((member.first + member.mesh.position(name)) as u32)
                 }
                 Err(_) if wanted == Wanted::Inside => Place::Outside(Rgb::BLACK),
-                Err(_) => Place::Outside(self.set.mapped(name.cluster())?.view().source(name).radiosity),
+                Err(_) => Place::Outside(self.sources.source(self.set, name)?.light.radiosity),
             });
         }
         Ok(SourceTable(places))

@@ -26,6 +26,7 @@ use crate::transport::refine::{Context, Counts, Receiver, Scope};
 use crate::transport::relax::{self, Inner, Member};
 use crate::transport::seal::{self, Sealed};
 use crate::transport::source::Loaded;
+use crate::transport::source_memo::SourceMemo;
 
 /// What shapes a visit's result.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +78,8 @@ pub struct GroupSolver<'a, 's> {
     pub settings: Settings,
     /// Sides of clusters, as sector nodes bundle them.
     pub sides: SideCache,
+    /// Sources that links lead to.
+    pub sources: SourceMemo,
     /// Where to report.
     pub progress: &'a dyn Progress,
 }
@@ -148,6 +151,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             seed: self.settings.seed,
             scope: self.settings.scope,
             sides: &self.sides,
+            sources: &self.sources,
             progress: self.progress,
         };
         let (visible, head) = self.set.visible(id)?;
@@ -196,7 +200,8 @@ impl<'a, 's> GroupSolver<'a, 's> {
             let refined = self.refine(clusters[index], false)?;
             Ok(refined.rows.into_iter().enumerate().map(|(at, row)| (refined.mesh.name_at(at), row)).collect())
         };
-        let store = LinkStore { set: self.set, clusters, new, recompute: &recompute, keep: self.settings.keep_links };
+        let keep = self.settings.keep_links;
+        let store = LinkStore { set: self.set, sources: &self.sources, clusters, new, recompute: &recompute, keep };
         self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
         for index in 0..members.len() {
             let mesh = &members[index].mesh;

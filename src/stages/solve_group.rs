@@ -25,6 +25,7 @@ use crate::store::{ModelFacts, Stage, Store};
 use crate::transport::bundle::SideCache;
 use crate::transport::refine::Scope;
 use crate::transport::relax::Inner;
+use crate::transport::source_memo::SourceMemo;
 
 /// Which groups to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -334,7 +335,8 @@ fn solve(
     require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
     let cuts = Cuts::new(scene, settings.tolerances.min_element_m);
-    let solver = GroupSolver { set, cuts, settings, sides: SideCache::default(), progress };
+    let (sides, sources) = (SideCache::default(), SourceMemo::default());
+    let solver = GroupSolver { set, cuts, settings, sides, sources, progress };
     let mut solved = solver.solve(&clusters, &mut worker.segment)?;
     let after = resources();
     solved.report.peak_anon_bytes = after.peak_anon_bytes;

@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::form_factor;
 use super::lamp_list::is_close_lamp;
 use super::link_rows::Link;
-use super::met::element_at;
+use super::met::{Answer, answer, weights};
 use super::refine::DIM;
 use super::sight::UNANIMOUS;
 use super::source::{ClusterView, Clusters};
@@ -309,8 +309,7 @@ pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays:
 #[derive(Clone, Copy)]
 struct Met {
     side: NodeName,
-    /// The element that stands for the place, if any does.
-    element: Option<Node>,
+    answer: Answer,
     to: DVec3,
     distance_m: f64,
 }
@@ -319,7 +318,7 @@ impl Met {
     /// Whether the place is too close for elements to tell how its light changes; none is larger than twice
     /// `min_element_m` there unless its light hardly changes.
     fn is_near(&self, min_element_m: f64) -> bool {
-        let size_m = self.element.map_or(min_element_m, |e| e.shape.longest_edge().min(min_element_m));
+        let size_m = self.answer.element.map_or(min_element_m, |e| e.shape.longest_edge().min(min_element_m));
         self.distance_m < NEAR_ELEMENTS * size_m
     }
 }
@@ -339,7 +338,7 @@ fn meet(
     let to = from + direction * hit.t;
     Ok(view.takes_part(at.index()).then(|| Met {
         side: NodeName::root(view.id, at),
-        element: element_at(cuts, &view, at, to),
+        answer: answer(cuts, &view, at, from + element.normal * (2.0 * cuts.scene().snap_m()), to),
         to,
         distance_m: hit.t,
     }))
@@ -356,25 +355,23 @@ pub fn add_survey(
     gathered: &mut Gathered,
     rays: &mut u64,
 ) -> Result<()> {
-    let (mut met, mut answered, mut light) = (0u64, 0u64, Rgb::BLACK);
-    for found in &survey.met {
-        if linked.binary_search(&found.side).is_ok() {
-            continue;
-        }
-        met += 1;
-        // What no element stands for is taken to be as bright as the rest.
-        let Some(leaf) = found.element else { continue };
-        answered += 1;
-        light += if survey.is_gap {
-            follow(cuts, clusters, place, survey.sequence, met, *found, rays)?
+    let met: Vec<&Met> = survey.met.iter().filter(|found| linked.binary_search(&found.side).is_err()).collect();
+    let answers: Vec<_> = met.iter().map(|found| (found.side.cluster(), found.answer)).collect();
+    let (mut light, mut all) = (Rgb::BLACK, 0.0);
+    for ((index, found), weight) in (1..).zip(&met).zip(weights(&answers)) {
+        let Some(leaf) = found.answer.element else { continue };
+        let radiosity = if survey.is_gap {
+            follow(cuts, clusters, place, survey.sequence, index, **found, rays)?
         } else {
             clusters.cluster(found.side.cluster())?.view().source(leaf.name).radiosity
         };
+        light += radiosity * weight;
+        all += weight;
     }
-    if answered > 0 {
-        let share = met as f64 / SURVEY_RAYS as f64;
+    if all > 0.0 {
+        let share = met.len() as f64 / SURVEY_RAYS as f64;
         let error = counted_error(share, SURVEY_RAYS as f64);
-        gathered.add(light * (1.0 / answered as f64), Seen { form_factor: share, error });
+        gathered.add(light * (1.0 / all), Seen { form_factor: share, error });
     }
     Ok(())
 }
@@ -391,7 +388,7 @@ fn follow(
 ) -> Result<Rgb> {
     let mut through = Rgb::grey(1.0);
     for reflection in 0..MOST_REFLECTIONS {
-        let Some(leaf) = met.element else { return Ok(Rgb::BLACK) };
+        let Some(leaf) = met.answer.element else { return Ok(Rgb::BLACK) };
         let loaded = clusters.cluster(met.side.cluster())?;
         let view = loaded.view();
         if !met.is_near(place.min_element_m) || view.emits(leaf.name) {

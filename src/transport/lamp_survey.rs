@@ -126,7 +126,7 @@ impl Receiver<'_> {
                 (rays, error) = (link.uncertainty as u64, f64::from(link.spread));
                 continue;
             }
-            let source = self.sources.source(context.clusters, link.source)?;
+            let source = context.sources.source(context.clusters, link.source)?;
             if link.class == Visibility::Surveyed && holds(&source, link) {
                 pilot.push((Link { form_factor: link.uncertainty, ..*link }, source.light.radiosity));
             }

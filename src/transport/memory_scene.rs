@@ -17,6 +17,7 @@ use super::refine::{Context, Counts, Receiver, Scope};
 use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
 use super::seal;
 use super::source::{ClusterView, Clusters, Loaded};
+use super::source_memo::SourceMemo;
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
 use crate::model::geometry::{
@@ -152,7 +153,7 @@ impl MemoryScene {
         let mut members = Vec::new();
         let mut first = 0;
         let mut all_rows = std::mem::take(&mut self.rows);
-        let sides = SideCache::default();
+        let (sides, sources) = (SideCache::default(), SourceMemo::default());
         for (i, slot) in all_rows.iter_mut().enumerate() {
             let own = self.stored.borrow()[i].clone();
             let view = own.view();
@@ -169,6 +170,7 @@ impl MemoryScene {
                 seed: self.seed,
                 scope,
                 sides: &sides,
+                sources: &sources,
                 progress: &Quiet,
             };
             let mut receiver = Receiver::new(view, mesh, rows);

@@ -26,7 +26,7 @@ pub mod seal;
 pub mod sectors;
 pub mod sight;
 pub mod source;
-mod source_memo;
+pub mod source_memo;
 pub mod survey;
 pub mod survey_row;
 mod survey_verdict;

@@ -43,6 +43,8 @@ pub struct Context<'a> {
     pub scope: Scope,
     /// Sides of clusters, as sector nodes bundle them.
     pub sides: &'a SideCache,
+    /// Sources that links lead to.
+    pub sources: &'a SourceMemo,
     /// Where interruption is asked for.
     pub progress: &'a dyn Progress,
 }
@@ -76,8 +78,6 @@ pub struct Receiver<'a> {
     /// Whether so much is in sight that what does not emit is surveyed: a leaf's own rays tell then whether it is
     /// sealed, and links need not follow cuts.
     pub(super) surveys: bool,
-    /// Sources that links were tested against.
-    pub(super) sources: SourceMemo,
 }
 
 impl<'a> Receiver<'a> {
@@ -86,17 +86,7 @@ impl<'a> Receiver<'a> {
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
         let (cut, followed) = (vec![None; mesh.elements.len()], vec![false; mesh.elements.len()]);
-        Self {
-            view,
-            mesh,
-            rows,
-            changed,
-            counts: Counts::default(),
-            cut,
-            followed,
-            surveys: false,
-            sources: SourceMemo::default(),
-        }
+        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed, surveys: false }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
@@ -283,7 +273,7 @@ impl<'a> Receiver<'a> {
                 let stays = match link.class {
                     Visibility::Surveyed if lamps_stay == survey_stays => survey_stays,
                     Visibility::Surveyed => {
-                        let source = self.sources.source(context.clusters, link.source)?;
+                        let source = context.sources.source(context.clusters, link.source)?;
                         if lamp_survey::holds(&source, &link) { lamps_stay } else { survey_stays }
                     }
                     Visibility::Hidden => true,
@@ -342,7 +332,7 @@ impl<'a> Receiver<'a> {
 
     /// What is to be done with a stored link in today's light.
     fn test(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<Verdict> {
-        let KnownSource { light, emits } = self.sources.source(context.clusters, link.source)?;
+        let KnownSource { light, emits } = context.sources.source(context.clusters, link.source)?;
         let strength = self.strength(at, light.radiosity);
         let sight = sight_of(link);
         // The cheap bound first: shapes are needed only where it does not do.
@@ -375,8 +365,8 @@ impl<'a> Receiver<'a> {
 }
 
 /// Patch sides in sight up to which a cluster is linked with each of them, as exactly as the oracle asks for: beyond,
-/// surveys are cheaper.
-const FEW_SIDES: usize = 1024;
+/// surveys, which begin with as many rays, are cheaper and no less exact.
+const FEW_SIDES: usize = 64;
 
 /// Lamps in sight up to which each is linked for itself, and that alone asks for no survey.
 const FEW_LAMPS: usize = 32;

@@ -120,7 +120,7 @@ impl Receiver<'_> {
             if is_lit {
                 break;
             }
-            is_lit = self.sources.source(context.clusters, link.source)?.emits;
+            is_lit = context.sources.source(context.clusters, link.source)?.emits;
         }
         known[at] = Some(is_lit);
         Ok(is_lit)

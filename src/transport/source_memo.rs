@@ -1,55 +1,44 @@
-//! What a receiver's links ask of their sources, each looked up once: many links lead to few sources.
+//! What links ask of their sources, each looked up once: many links lead to few sources.
 
-use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
+use std::cell::RefCell;
 
 use super::source::{Clusters, SourceLight};
 use crate::base::{NodeName, Result};
 use crate::geom::sequence::mix;
 
 /// A source as links see it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct KnownSource {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct KnownSource {
     /// Light that leaves it.
-    pub(super) light: SourceLight,
+    pub light: SourceLight,
     /// Whether it emits.
-    pub(super) emits: bool,
+    pub emits: bool,
 }
 
-/// Sources looked up so far.
-#[derive(Default)]
-pub(super) struct SourceMemo(HashMap<NodeName, KnownSource, BuildHasherDefault<NameHasher>>);
+/// Sources of one version looked up lately: a newer one takes the place of an older.
+pub struct SourceMemo(RefCell<Vec<(NodeName, KnownSource)>>);
+
+/// Sources that are remembered, 56 bytes each: what a large room sees.
+const REMEMBERED: usize = 1 << 18;
+
+impl Default for SourceMemo {
+    fn default() -> Self {
+        Self(RefCell::new(vec![(NodeName::ESCAPE, KnownSource::default()); REMEMBERED]))
+    }
+}
 
 impl SourceMemo {
     /// A source, from the version that is read.
-    pub(super) fn source(&mut self, clusters: &dyn Clusters, name: NodeName) -> Result<KnownSource> {
-        if let Some(known) = self.0.get(&name) {
-            return Ok(*known);
+    pub fn source(&self, clusters: &dyn Clusters, name: NodeName) -> Result<KnownSource> {
+        let slot = mix(name.0) as usize % REMEMBERED;
+        let known = self.0.borrow()[slot];
+        if known.0 == name {
+            return Ok(known.1);
         }
         let loaded = clusters.cluster(name.cluster())?;
         let view = loaded.view();
         let found = KnownSource { light: view.source(name), emits: view.emits(name) };
-        self.0.insert(name, found);
+        self.0.borrow_mut()[slot] = (name, found);
         Ok(found)
-    }
-}
-
-/// Names are numbers that differ in few bits.
-#[derive(Default)]
-struct NameHasher(u64);
-
-impl Hasher for NameHasher {
-    fn write(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.write_u64(u64::from(*byte));
-        }
-    }
-
-    fn write_u64(&mut self, name: u64) {
-        self.0 = mix(self.0 ^ name);
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
     }
 }

@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::bundle::{Bundle, Starts};
 use super::lamp_survey;
 use super::link_rows::Link;
-use super::met::element_at;
+use super::met::{answer, weights};
 use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
 use super::sight::{Known, sees_whole, smallest_region};
@@ -42,6 +42,7 @@ struct Met {
     cluster: ClusterId,
     side: PatchSide,
     point: DVec3,
+    from: DVec3,
     /// Whether it is closer than half of the receiver's size.
     is_near: bool,
     quarter: usize,
@@ -191,7 +192,7 @@ impl Receiver<'_> {
                 rays = link.uncertainty as u64;
                 continue;
             }
-            let source = self.sources.source(context.clusters, link.source)?;
+            let source = context.sources.source(context.clusters, link.source)?;
             if !lamp_survey::holds(&source, link) {
                 pilot.push((of_pilot(link), source.light.radiosity));
             }
@@ -269,6 +270,7 @@ impl Receiver<'_> {
                 cluster: ClusterId(hit.key.cluster),
                 side: hit.side(),
                 point: from + direction * hit.t,
+                from: from + side.node.normal * (2.0 * scene.snap_m()),
                 is_near: hit.t < 0.5 * size_m,
                 quarter,
             });
@@ -346,29 +348,28 @@ fn unresolved(row: &[(Link, Rgb)], near: &[f64], mean: Rgb) -> f64 {
 fn add_counted(context: &Context<'_>, cast: &Cast, whole: &[NodeName], row: &mut Lit) -> Result<Vec<f64>> {
     let rays = cast.rays() as f64;
     let mut near = Vec::new();
-    let mut met: Vec<(NodeName, usize, bool)> = Vec::with_capacity(cast.met.len());
-    let mut counted = 0;
+    let (mut counted, mut answers) = (Vec::new(), Vec::new());
     for m in &cast.met {
         let loaded = context.clusters.cluster(m.cluster)?;
         let view = loaded.view();
         let root = NodeName::root(m.cluster, m.side);
-        if view.emits(root) || whole.binary_search(&root).is_ok() {
-            continue;
-        }
-        counted += 1;
-        if let Some(element) = element_at(context.cuts, &view, m.side, m.point) {
-            met.push((element.name, m.quarter, m.is_near));
+        if !view.emits(root) && whole.binary_search(&root).is_err() {
+            counted.push(m);
+            answers.push((m.cluster, answer(context.cuts, &view, m.side, m.from, m.point)));
         }
     }
-    met.sort_unstable();
-    // What no element stands for is taken to be as bright as the rest.
-    let one = f64::from(counted) / met.len().max(1) as f64 / rays;
+    let mut met: Vec<(NodeName, &Met, f64)> = (counted.into_iter().zip(&answers).zip(weights(&answers)))
+        .filter_map(|((m, (_, answer)), weight)| answer.element.map(|element| (element.name, m, weight)))
+        .collect();
+    met.sort_by_key(|(name, ..)| *name);
     for run in met.chunk_by(|a, b| a.0 == b.0) {
-        let (source, share) = (run[0].0, one * run.len() as f64);
-        let relative = std::array::from_fn(|q| {
-            let here = run.iter().filter(|m| m.1 == q).count() as f64;
-            one * rays * here / cast.open[q].max(1) as f64 / share
-        });
+        let source = run[0].0;
+        let count = |counts: &dyn Fn(&Met) -> bool| -> f64 {
+            run.iter().filter(|(_, m, _)| counts(m)).map(|(.., weight)| weight).sum()
+        };
+        let all = count(&|_| true);
+        let share = all / rays;
+        let relative = std::array::from_fn(|q| count(&|m| m.quarter == q) * rays / cast.open[q].max(1) as f64 / all);
         let link = Link {
             source,
             form_factor: share as f32,
@@ -376,7 +377,7 @@ fn add_counted(context: &Context<'_>, cast: &Cast, whole: &[NodeName], row: &mut
             uncertainty: counted_error(share, rays) as f32,
             class: Visibility::Surveyed,
         };
-        near.push(run.iter().filter(|m| m.2).count() as f64 / rays);
+        near.push(count(&|m| m.is_near) / rays);
         row.push((link, context.clusters.cluster(source.cluster())?.view().source(source).radiosity));
     }
     Ok(near)
