@@ -3,6 +3,7 @@
 pub mod build;
 pub mod locate;
 pub mod node;
+pub mod recent;
 pub mod region;
 pub mod scene;
 pub mod shaft;

@@ -6,13 +6,11 @@
 //! another element's to tell: the anchor lies anywhere, so on average nothing is lost to either side. A patch
 //! that is one element has no others: it stands for its largest part.
 
-use std::cell::RefCell;
-
 use glam::DVec3;
 
 use super::node::Node;
+use super::recent::Recent;
 use super::scene::RayScene;
-use crate::base::NodeName;
 use crate::geom::bounds::Bounds;
 use crate::geom::sequence::mix;
 
@@ -28,8 +26,8 @@ pub struct Region {
 pub struct Cuts<'a> {
     scene: RayScene<'a>,
     min_element_m: f64,
-    /// Numbers of the anchors of what is cut, by a hash of the name; a newer one takes the place of an older.
-    known: RefCell<Vec<(NodeName, Option<u8>)>>,
+    /// Numbers of the anchors of what is cut.
+    known: Recent<Option<u8>, KNOWN>,
 }
 
 const KNOWN: usize = 1 << 17;
@@ -38,7 +36,7 @@ impl<'a> Cuts<'a> {
     /// Nothing known yet. No element edge is below `min_element_m`.
     #[must_use]
     pub fn new(scene: RayScene<'a>, min_element_m: f64) -> Self {
-        Self { scene, min_element_m, known: RefCell::new(vec![(NodeName::ESCAPE, None); KNOWN]) }
+        Self { scene, min_element_m, known: Recent::default() }
     }
 
     /// What rays can meet.
@@ -60,13 +58,11 @@ impl<'a> Cuts<'a> {
     }
 
     fn anchor(&self, node: &Node) -> Option<u8> {
-        let slot = mix(node.name.0) as usize % KNOWN;
-        let known = self.known.borrow()[slot];
-        if known.0 == node.name {
-            return known.1;
+        if let Some(known) = self.known.get(node.name) {
+            return known;
         }
         let anchor = anchor(&self.scene, node, self.min_element_m);
-        self.known.borrow_mut()[slot] = (node.name, anchor);
+        self.known.put(node.name, anchor);
         anchor
     }
 
@@ -74,16 +70,25 @@ impl<'a> Cuts<'a> {
     /// as far as a straight line tells.
     #[must_use]
     pub fn shares_part(&self, node: &Node, place: DVec3) -> bool {
-        let anchor = self.anchor(node).unwrap_or(0);
-        Region::round(&self.scene, node, anchor, self.min_element_m).holds(&self.scene, place)
+        self.part(node).holds(&self.scene, place)
     }
 
     /// Whether the place that stands for a node is seen from a point.
     #[must_use]
     pub fn sees_part(&self, node: &Node, from: DVec3) -> bool {
-        let anchor = self.anchor(node).unwrap_or(0);
-        let region = Region::round(&self.scene, node, anchor, self.min_element_m);
-        !self.scene.blocked_between(from, region.anchor + region.lifts[1])
+        let part = self.part(node);
+        !self.scene.blocked_between(from, part.anchor + part.lifts[1])
+    }
+
+    /// The part round a node's anchor, whether anything cuts the node or not.
+    fn part(&self, node: &Node) -> Region {
+        Region::round(&self.scene, node, self.anchor(node).unwrap_or(0), self.min_element_m)
+    }
+
+    /// A point just above a place, where it is clear of what lies in the same plane.
+    #[must_use]
+    pub fn above(&self, place: DVec3, normal: DVec3) -> DVec3 {
+        place + normal * clear_m(&self.scene)
     }
 
     /// The part that stands for a node; `None` if nothing cuts it.
@@ -100,10 +105,15 @@ const GAP_SHARE: f64 = 0.05;
 /// Highest that this is, m: a tube stands no farther before its reflector.
 const HIGHEST_GAP_M: f64 = 0.01;
 
+/// Height at which a point is clear of what lies in the plane below it, m.
+fn clear_m(scene: &RayScene<'_>) -> f64 {
+    2.0 * scene.snap_m()
+}
+
 /// Heights over an element at which something that stands on it is met: just above what lies in its
 /// plane, and above gaps too narrow for elements of this size to tell.
 fn heights(scene: &RayScene<'_>, min_element_m: f64) -> [f64; 2] {
-    let low = 2.0 * scene.snap_m();
+    let low = clear_m(scene);
     [low, low.max((GAP_SHARE * min_element_m).min(HIGHEST_GAP_M))]
 }
 

@@ -338,7 +338,7 @@ fn meet(
     let to = from + direction * hit.t;
     Ok(view.takes_part(at.index()).then(|| Met {
         side: NodeName::root(view.id, at),
-        answer: answer(cuts, &view, at, from + element.normal * (2.0 * cuts.scene().snap_m()), to),
+        answer: answer(cuts, &view, at, cuts.above(from, element.normal), to),
         to,
         distance_m: hit.t,
     }))
@@ -356,9 +356,9 @@ pub fn add_survey(
     rays: &mut u64,
 ) -> Result<()> {
     let met: Vec<&Met> = survey.met.iter().filter(|found| linked.binary_search(&found.side).is_err()).collect();
-    let answers: Vec<_> = met.iter().map(|found| (found.side.cluster(), found.answer)).collect();
+    let kinds: Vec<_> = met.iter().map(|found| (found.side.cluster(), found.answer.kind())).collect();
     let (mut light, mut all) = (Rgb::BLACK, 0.0);
-    for ((index, found), weight) in (1..).zip(&met).zip(weights(&answers)) {
+    for ((index, found), weight) in (1..).zip(&met).zip(weights(&kinds)) {
         let Some(leaf) = found.answer.element else { continue };
         let radiosity = if survey.is_gap {
             follow(cuts, clusters, place, survey.sequence, index, **found, rays)?

@@ -62,27 +62,45 @@ pub fn answer(cuts: &Cuts<'_>, view: &ClusterView<'_>, side: PatchSide, from: DV
     Answer { element, is_beside_wall: true }
 }
 
-/// What each answer counts for: 1, and what no element stands for is made up by what stands beside walls of the same
-/// cluster, or where nothing does by all alike. Places beside walls are darker than others, but near lamps.
-#[must_use]
-pub fn weights(answers: &[(ClusterId, Answer)]) -> Vec<f64> {
-    let is_answered = |answer: &Answer| answer.element.is_some();
-    let mut unanswered: Vec<ClusterId> =
-        answers.iter().filter(|(_, answer)| !is_answered(answer)).map(|(cluster, _)| *cluster).collect();
-    unanswered.sort_unstable();
-    let mut weights: Vec<f64> = answers.iter().map(|(_, answer)| f64::from(u8::from(is_answered(answer)))).collect();
-    let mut share = |count: usize, takes: &dyn Fn(&(ClusterId, Answer)) -> bool| {
-        let takers: Vec<usize> =
-            (0..answers.len()).filter(|&i| is_answered(&answers[i].1) && takes(&answers[i])).collect();
-        for &taker in &takers {
-            weights[taker] += count as f64 / takers.len() as f64;
+/// How a place is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// By the element that was met, on which no wall stands.
+    Open,
+    /// By an element that stands for one side of a wall.
+    BesideWall,
+    /// By none.
+    Unanswered,
+}
+
+impl Answer {
+    /// How the place is answered.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match (self.element, self.is_beside_wall) {
+            (None, _) => Kind::Unanswered,
+            (_, true) => Kind::BesideWall,
+            (_, false) => Kind::Open,
         }
-        !takers.is_empty()
-    };
+    }
+}
+
+/// What each place that was met counts for: 1, and what no element stands for is made up by what stands beside walls
+/// of the same cluster, or where nothing does by all alike. Places beside walls are darker than others, but near lamps.
+#[must_use]
+pub fn weights(met: &[(ClusterId, Kind)]) -> Vec<f64> {
+    let is_unanswered = |kind: Kind| kind == Kind::Unanswered;
+    let mut weights: Vec<f64> = met.iter().map(|(_, kind)| if is_unanswered(*kind) { 0.0 } else { 1.0 }).collect();
+    let mut unanswered: Vec<ClusterId> =
+        met.iter().filter(|(_, kind)| is_unanswered(*kind)).map(|(cluster, _)| *cluster).collect();
+    unanswered.sort_unstable();
     for run in unanswered.chunk_by(|a, b| a == b) {
-        let stands_beside = |(cluster, answer): &(ClusterId, Answer)| *cluster == run[0] && answer.is_beside_wall;
-        if !share(run.len(), &stands_beside) {
-            share(run.len(), &|_| true);
+        let mut takers: Vec<usize> = (0..met.len()).filter(|&i| met[i] == (run[0], Kind::BesideWall)).collect();
+        if takers.is_empty() {
+            takers = (0..met.len()).filter(|&i| !is_unanswered(met[i].1)).collect();
+        }
+        for &taker in &takers {
+            weights[taker] += run.len() as f64 / takers.len() as f64;
         }
     }
     weights
@@ -176,7 +194,7 @@ mod tests {
         let answers = |cluster: u32, open: usize, beside_wall: usize, unanswered: usize| {
             let each = [(open, element, false), (beside_wall, element, true), (unanswered, None, true)];
             each.into_iter().flat_map(move |(count, element, is_beside_wall)| {
-                std::iter::repeat_n((ClusterId(cluster), Answer { element, is_beside_wall }), count)
+                std::iter::repeat_n((ClusterId(cluster), Answer { element, is_beside_wall }.kind()), count)
             })
         };
         let weights = |all: Vec<_>| weights(&all);

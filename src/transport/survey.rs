@@ -42,6 +42,7 @@ struct Met {
     cluster: ClusterId,
     side: PatchSide,
     point: DVec3,
+    /// Just above where the ray began.
     from: DVec3,
     /// Whether it is closer than half of the receiver's size.
     is_near: bool,
@@ -270,7 +271,7 @@ impl Receiver<'_> {
                 cluster: ClusterId(hit.key.cluster),
                 side: hit.side(),
                 point: from + direction * hit.t,
-                from: from + side.node.normal * (2.0 * scene.snap_m()),
+                from: context.cuts.above(from, side.node.normal),
                 is_near: hit.t < 0.5 * size_m,
                 quarter,
             });
@@ -348,18 +349,19 @@ fn unresolved(row: &[(Link, Rgb)], near: &[f64], mean: Rgb) -> f64 {
 fn add_counted(context: &Context<'_>, cast: &Cast, whole: &[NodeName], row: &mut Lit) -> Result<Vec<f64>> {
     let rays = cast.rays() as f64;
     let mut near = Vec::new();
-    let (mut counted, mut answers) = (Vec::new(), Vec::new());
+    let (mut counted, mut kinds) = (Vec::new(), Vec::new());
     for m in &cast.met {
         let loaded = context.clusters.cluster(m.cluster)?;
         let view = loaded.view();
         let root = NodeName::root(m.cluster, m.side);
         if !view.emits(root) && whole.binary_search(&root).is_err() {
-            counted.push(m);
-            answers.push((m.cluster, answer(context.cuts, &view, m.side, m.from, m.point)));
+            let found = answer(context.cuts, &view, m.side, m.from, m.point);
+            kinds.push((m.cluster, found.kind()));
+            counted.push((found.element.map(|element| element.name), m));
         }
     }
-    let mut met: Vec<(NodeName, &Met, f64)> = (counted.into_iter().zip(&answers).zip(weights(&answers)))
-        .filter_map(|((m, (_, answer)), weight)| answer.element.map(|element| (element.name, m, weight)))
+    let mut met: Vec<(NodeName, &Met, f64)> = (counted.into_iter().zip(weights(&kinds)))
+        .filter_map(|((source, m), weight)| Some((source?, m, weight)))
         .collect();
     met.sort_by_key(|(name, ..)| *name);
     for run in met.chunk_by(|a, b| a.0 == b.0) {
