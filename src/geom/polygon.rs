@@ -5,6 +5,9 @@ use glam::DVec3;
 /// Most corners a [`Polygon`] may have: a quad clipped by two planes, with room to spare.
 pub const MAX_CORNERS: usize = 8;
 
+/// How far the diagonals' middles of a quad may lie apart, relative to a diagonal, where it counts as a parallelogram.
+const EVEN: f64 = 1e-3;
+
 /// A convex planar polygon of up to [`MAX_CORNERS`] corners, m, on the stack.
 #[derive(Clone, Copy, Debug)]
 pub struct Polygon {
@@ -78,6 +81,16 @@ impl Polygon {
                 c[0] * (1.0 - root) + c[1] * (root * (1.0 - v)) + c[2] * (root * v)
             }
             _ => self.fan_point(u, v),
+        }
+    }
+
+    /// A point by two numbers in [0, 1), uniform in area over all shapes.
+    #[must_use]
+    pub fn even_point(&self, u: f64, v: f64) -> DVec3 {
+        let is_skew = |c: &[DVec3; 4]| (c[0] + c[2]).distance(c[1] + c[3]) > EVEN * (c[0].distance(c[2]));
+        match <&[DVec3; 4]>::try_from(self.corners()) {
+            Ok(quad) if is_skew(quad) => self.fan_point(u, v),
+            _ => self.point(u, v),
         }
     }
 

@@ -107,7 +107,7 @@ impl Receiver<'_> {
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
             one_region_source: false,
             seed: context.seed,
-            rays: None,
+            tries: None,
         };
         let judge = |found: &Sight| oracle::judge(found, strength, &source, &case, &context.tolerances);
         let Some((found, verdict)) = look(context, r, lamp, care, &judge, &mut self.counts.rays) else { return };
@@ -176,7 +176,7 @@ fn look(
     Some(sight::judged(care, judge, |care| sample(context, r, lamp, &clear, care, rays)))
 }
 
-/// A sight by rays, and how many were cast.
+/// A sight by rays, and how many places were tried.
 fn sample(context: &Context<'_>, r: &Node, lamp: &Bundle, clear: &Sight, care: Care, rays: &mut u64) -> (Sight, u64) {
     let scene = context.cuts.scene();
     let region = sight::smallest_region(context.cuts, r);

@@ -178,3 +178,25 @@ fn a_centred_blocker_between_strips_a_distance_apart_leaves_what_crossed_strings
 fn a_centred_blocker_between_strips_near_each_other_leaves_what_crossed_strings_give() {
     compare_strips(10.0, NEAR_STRIPS, &STRIPS[6..]);
 }
+
+/// A wall reaches far below a strip on the ground and a little above it; a step in between hides its foot.
+#[test]
+fn of_a_source_that_lies_behind_the_receiver_what_reaches_above_it_is_seen() {
+    let (near, far, step, height, top): (f64, f64, f64, f64, f64) = (0.5, 1.5, 0.2, 0.1, 0.66);
+    let along = [-20.0, 20.0];
+    let upright = |x: f64, z: [f64; 2], exitance: f64| -> Face {
+        let c = [[x, along[0], z[0]], [x, along[1], z[0]], [x, along[1], z[1]], [x, along[0], z[1]]];
+        (c.to_vec(), 0.0, exitance)
+    };
+    let faces = [
+        upright(0.0, [-30.0, top], 1.0),
+        level([near, far], [-0.5, 0.5], 0.0, true),
+        upright(step, [0.0, height], 0.0),
+    ];
+    // Crossed strings, round the step's edge and straight.
+    let above = near.hypot(top) - far.hypot(top);
+    let visible = 0.5 * (above + (far - step).hypot(height) - (near - step).hypot(height));
+    let mut wrong = Wrong::default();
+    wrong.compare("step", &faces, 0.5 * (above + far - near), visible);
+    wrong.assert_none();
+}

@@ -152,7 +152,7 @@ impl<'a> Receiver<'a> {
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
             one_region_source: case.may_be_sealed && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
-            rays: None,
+            tries: None,
         };
         let judge = |found: &Sight| {
             let case = Case { source_variation: variation(r, s, found.class), ..case };

@@ -73,8 +73,8 @@ pub struct Care {
     pub one_region_source: bool,
     /// From `--seed`.
     pub seed: u64,
-    /// Rays to cast whatever they tell; as many as matter if none.
-    pub rays: Option<u64>,
+    /// Places to try whatever they tell; as many as matter if none.
+    pub tries: Option<u64>,
 }
 
 impl Care {
@@ -91,6 +91,9 @@ const LARGEST_DOUBT: f64 = 0.002;
 /// Rays of the first batch, and the most for one link.
 const FIRST_RAYS: u64 = 8;
 const MOST_RAYS: u64 = 256;
+
+/// Most places that are tried for a ray: some lie in another part of the receiver, or see the source from behind.
+const TRIES_PER_RAY: u64 = 4;
 
 /// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
 const FORM_FACTOR_TOLERANCE: f64 = 2e-4;
@@ -185,12 +188,12 @@ pub(super) fn judged(
     judge: &dyn Fn(&Sight) -> Verdict,
     mut sample: impl FnMut(Care) -> (Sight, u64),
 ) -> (Sight, Verdict) {
-    let (sight, cast) = sample(care);
+    let (sight, tries) = sample(care);
     let verdict = judge(&sight);
     if verdict != Verdict::Keep {
         return (sight, verdict);
     }
-    (sample(Care { seed: care.seed ^ FRESH, rays: Some(cast), ..care }).0, verdict)
+    (sample(Care { seed: care.seed ^ FRESH, tries: Some(tries), ..care }).0, verdict)
 }
 
 /// The part that stands for an element too short to be split; `None` for larger ones, and if nothing cuts it.
@@ -295,16 +298,29 @@ struct Cells {
 }
 
 /// Most parts: a source that is much larger than its distance.
-const MOST_CELLS: usize = 64;
+const MOST_CELLS: usize = 128;
+
+/// Share of a source's radius up to which it may reach behind a receiver as if it did not.
+const BEHIND: f64 = 0.1;
 
 /// Share of the rays that is spread by area alone.
 const BY_AREA: f64 = 0.25;
 
 impl Cells {
+    /// Of a source that reaches far behind the receiver what lies in front: all other rays would be in vain.
     fn new(r: &Node, s: &Node) -> Self {
-        let mut shapes = vec![s.shape];
-        let distance = r.shape.centre().distance(s.shape.centre());
-        let levels = [1.0, 0.25, 0.06].iter().filter(|far| distance < *far * s.shape.radius()).count();
+        let reach = -BEHIND * s.shape.radius();
+        let is_in_front = s.shape.corners().iter().all(|c| r.height(*c) >= reach);
+        let seen = if is_in_front { s.shape } else { s.in_front_of(r) };
+        let mut shapes = match seen.corners() {
+            [a, .., d, e] if seen.corners().len() == 5 => {
+                let quad = Polygon::new(&seen.corners()[..4]);
+                vec![quad, Polygon::new(&[*a, *d, *e])]
+            }
+            _ => vec![seen],
+        };
+        let distance = r.shape.centre().distance(seen.centre());
+        let levels = [1.0, 0.25, 0.06].iter().filter(|far| distance < *far * seen.radius()).count();
         for _ in 0..levels {
             shapes = shapes.iter().flat_map(|shape| (0..4).map(|q| quadtree::child(shape, q))).collect();
         }
@@ -316,7 +332,7 @@ impl Cells {
     /// A point of the source by two numbers in 0..1, and its density relative to one by area.
     fn draw(&self, r: &Node, s: &Node, from: DVec3, [c, d]: [f64; 2]) -> (DVec3, f64) {
         if let [whole] = self.shapes.as_slice() {
-            return (whole.point(c, d), 1.0);
+            return (whole.even_point(c, d), 1.0);
         }
         let mut seen = [0.0; MOST_CELLS];
         for (seen, shape) in seen.iter_mut().zip(&self.shapes) {
@@ -329,7 +345,7 @@ impl Cells {
             let share = BY_AREA * by_area + (1.0 - BY_AREA) * by_view;
             if c < before + share || i + 1 == self.shapes.len() {
                 let within = ((c - before) / share).clamp(0.0, 1.0);
-                return (shape.point(within, d), share / by_area);
+                return (shape.even_point(within, d), share / by_area);
             }
             before += share;
         }
@@ -337,7 +353,7 @@ impl Cells {
     }
 }
 
-/// A sight by rays, and how many were cast.
+/// A sight by rays, and how many places were tried.
 fn sample(
     cuts: &Cuts<'_>,
     [r, s]: [&Node; 2],
@@ -386,8 +402,8 @@ fn sample(
     })
 }
 
-/// Casts rays by `ray` (given the number of the try), more of them while that matters: a sight, and how many were
-/// cast. Where `open` is given, `ray` measures the unoccluded form factor too.
+/// Casts rays by `ray` (given the number of the try), more of them while that matters: a sight, and how many places
+/// were tried. Where `open` is given, `ray` measures the unoccluded form factor too.
 pub(super) fn cast(
     care: Care,
     clear: &Sight,
@@ -396,12 +412,13 @@ pub(super) fn cast(
 ) -> (Sight, u64) {
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally { open, ..Tally::default() };
-    let mut target = care.rays.unwrap_or(FIRST_RAYS);
-    let mut index = 0;
+    let mut target = FIRST_RAYS;
+    let mut tries = 0;
     loop {
-        while tally.cast < target && index < 4 * target {
-            ray(index, &mut tally);
-            index += 1;
+        let most = care.tries.unwrap_or(TRIES_PER_RAY * target);
+        while tries < most && (tally.cast < target || care.tries.is_some()) {
+            ray(tries, &mut tally);
+            tries += 1;
         }
         // The mean over the whole receiver is not that over its part: beside the wall that cuts it the
         // wall itself fills half the view.
@@ -410,19 +427,14 @@ pub(super) fn cast(
         let share = tally.share();
         let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;
-        if care.rays.is_some()
-            || doubt <= allowed
-            || (mixed && care.can_split)
-            || target >= MOST_RAYS
-            || index >= 4 * target
-        {
+        if care.tries.is_some() || doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS {
             let sight = Sight {
                 form_factor: unoccluded * share,
                 spread: clear.spread * share + unoccluded * tally.gradient(),
                 uncertainty: doubt + its_error * share,
                 class: Visibility::Partial,
             };
-            return (sight, tally.cast);
+            return (sight, tries);
         }
         target *= 2;
     }
