@@ -16,7 +16,7 @@ use crate::rays::region::Cuts;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
 use crate::transport::bundle::SideCache;
-use crate::transport::closure::{self, Row};
+use crate::transport::closure::{self, Closed, Row};
 use crate::transport::link_rows::{self, Link};
 use crate::transport::mesh::Mesh;
 use crate::transport::oracle::Tolerances;
@@ -59,6 +59,7 @@ struct Refined {
     rows: Vec<Vec<Link>>,
     closure: Vec<LeafClosure>,
     lift: Vec<f64>,
+    dark_shares: Vec<f32>,
     changed: Vec<bool>,
     stored_changed: bool,
     /// Bytes of the chain of link extents that the rows came from; 0 if there is none.
@@ -103,8 +104,10 @@ impl<'a, 's> GroupSolver<'a, 's> {
                 rows.push(write_links(id, &refined, writer)?);
             }
             seen.push(refined.seen);
-            let Refined { mesh, rows: written, closure, lift, .. } = refined;
-            let member = member(self.set, id, mesh, lift, &closure, first)?;
+            let Refined { mesh, rows: written, closure, lift, dark_shares, .. } = refined;
+            let factors = push_pull::factors(&mesh, lift, &closure);
+            let materials = self.set.mapped(id)?.view().materials.to_vec();
+            let member = Member { mesh, materials, external: Vec::new(), factors, dark_shares, first };
             first += member.mesh.node_count();
             members.push(member);
             closures.push(closure);
@@ -163,30 +166,38 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let patches = view.geometry.patches;
         let emits = |leaf: NodeName| view.emits(leaf);
         let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
-        let closure = closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, |leaf| {
-            let escape_rays = closure::escape_rays(emits(leaf));
-            let escape = match known.get(&leaf.0) {
-                Some(stored) => f64::from(stored.measured_escape),
-                None if head.escape > 0.0 => {
-                    let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
-                    closure::measure_escape(self.cuts.scene(), &node, escape_rays, self.settings.seed, &mut counts.rays)
+        let is_dark = |name: NodeName| Ok(self.sources.source(self.set, name)?.light.radiosity.is_black());
+        let Closed { leaves: closure, dark_shares } =
+            closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, is_dark, |leaf| {
+                let escape_rays = closure::escape_rays(emits(leaf));
+                let escape = match known.get(&leaf.0) {
+                    Some(stored) => f64::from(stored.measured_escape),
+                    None if head.escape > 0.0 => {
+                        let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
+                        closure::measure_escape(
+                            self.cuts.scene(),
+                            &node,
+                            escape_rays,
+                            self.settings.seed,
+                            &mut counts.rays,
+                        )
+                    }
+                    None => 0.0,
+                };
+                let complete = self.settings.scope == Scope::Everything;
+                Row {
+                    escape,
+                    escape_rays,
+                    unseen: f64::from(head.missing),
+                    complete,
+                    sealed: sealed.contains(&leaf),
+                    ..Row::default()
                 }
-                None => 0.0,
-            };
-            let complete = self.settings.scope == Scope::Everything;
-            Row {
-                escape,
-                escape_rays,
-                unseen: f64::from(head.missing),
-                complete,
-                sealed: sealed.contains(&leaf),
-                ..Row::default()
-            }
-        });
+            })?;
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
         let Receiver { mesh, rows, changed, .. } = receiver;
-        Ok(Refined { mesh, rows, closure, lift, changed, stored_changed, chain_bytes, seen, counts })
+        Ok(Refined { mesh, rows, closure, lift, dark_shares, changed, stored_changed, chain_bytes, seen, counts })
     }
 
     fn gather_and_relax(
@@ -302,17 +313,4 @@ fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> 
     let delta = behind.is_some();
     let at = behind.unwrap_or_else(|| extent(false)).write(id, writer)?;
     Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
-}
-
-fn member(
-    set: &WorkingSet<'_>,
-    id: ClusterId,
-    mesh: Mesh,
-    lift: Vec<f64>,
-    closure: &[LeafClosure],
-    first: usize,
-) -> Result<Member> {
-    let factors = push_pull::factors(&mesh, lift, closure);
-    let materials = set.mapped(id)?.view().materials.to_vec();
-    Ok(Member { mesh, materials, external: Vec::new(), factors, first })
 }

@@ -13,7 +13,7 @@ use bytemuck::Zeroable;
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::sectors;
-use crate::base::NodeName;
+use crate::base::{NodeName, Result};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::{LeafClosure, Visibility};
 use crate::rays::RayScene;
@@ -120,38 +120,68 @@ pub fn error(link: &Link, is_leafs: bool) -> f64 {
     (f64::from(link.uncertainty) + FLOOR * form_factor + half_spread).min(form_factor)
 }
 
+/// Rows of a mesh, closed.
+pub struct Closed {
+    /// Of each leaf that sees anything or emits, ascending by name.
+    pub leaves: Vec<LeafClosure>,
+    /// What form factors to sources that were dark are multiplied by, for each node by position.
+    pub dark_shares: Vec<f32>,
+}
+
 /// Closes the rows of all leaves of a mesh that see anything or emit (`emits`: their light may leave the
 /// model though none arrives); `lift`: what links of each element that is no leaf are multiplied by for the
-/// leaves below; `measured` gives a leaf's escape, unseen mass and completeness.
-/// Ascending by name.
+/// leaves below; `is_dark`: whether no light leaves a source now; `measured` gives a leaf's escape, unseen mass and
+/// completeness.
 pub fn rows(
     mesh: &Mesh,
     links: &[Vec<Link>],
     lift: &[f64],
     emits: impl Fn(NodeName) -> bool,
+    is_dark: impl Fn(NodeName) -> Result<bool>,
     mut measured: impl FnMut(NodeName) -> Row,
-) -> Vec<LeafClosure> {
-    let (of_sectors, links) = links.split_at(mesh.sectors.len());
-    let inner =
-        |row: &[Link], lift: f64| row.iter().fold(Sums::default(), |sum, link| sum.with(link, false)).times(lift);
-    let down = of_sectors.iter().zip(lift).map(|(row, lift)| inner(row, *lift)).collect();
-    let mut above = sectors::bring_down(mesh, down, |own, above| own.plus(&above));
-    let lift = &lift[mesh.sectors.len()..];
-    let mut out = Vec::new();
+) -> Result<Closed> {
+    let first = mesh.sectors.len();
+    let mut dark_shares = vec![1.0; links.len()];
+    let mut inner = |at: usize| {
+        let (sums, dark_share) = inner(&links[at], lift[at], &is_dark)?;
+        dark_shares[at] = dark_share as f32;
+        Ok(sums)
+    };
+    let down: Result<Vec<Sums>> = (0..first).map(&mut inner).collect();
+    let mut above = sectors::bring_down(mesh, down?, |own, above| own.plus(&above));
+    let mut leaves = Vec::new();
     for (at, element) in mesh.elements.iter().enumerate() {
         if !element.is_leaf() {
-            let first = element.first_child as usize;
-            let down = above[at].plus(&inner(&links[at], lift[at]));
-            above[first..first + 4].fill(down);
+            let first_child = element.first_child as usize;
+            let down = above[at].plus(&inner(first + at)?);
+            above[first_child..first_child + 4].fill(down);
             continue;
         }
-        let own = links[at].iter().fold(Sums::default(), |sum, link| sum.with(link, true));
+        let own = links[first + at].iter().fold(Sums::default(), |sum, link| sum.with(link, true));
         if own.form_factor + above[at].form_factor > 0.0 || emits(element.name) {
-            out.push(close(element.name, &Row { own, above: above[at], ..measured(element.name) }));
+            leaves.push(close(element.name, &Row { own, above: above[at], ..measured(element.name) }));
         }
     }
-    out.sort_by_key(|c| c.leaf);
-    out
+    leaves.sort_by_key(|c| c.leaf);
+    Ok(Closed { leaves, dark_shares })
+}
+
+/// Sums of a row of a node above leaves as those leaves have it that are not sealed: they see more of what is lit than
+/// the node does, by `lift`, and so less of what is dark. Also what form factors to dark sources are multiplied by
+/// before `lift`: such a source may be lit by the end of the visit.
+fn inner(row: &[Link], lift: f64, is_dark: &impl Fn(NodeName) -> Result<bool>) -> Result<(Sums, f64)> {
+    if lift <= 1.0 {
+        return Ok((row.iter().fold(Sums::default(), |sum, link| sum.with(link, false)), 1.0));
+    }
+    let (mut lit, mut dark) = (Sums::default(), Sums::default());
+    for link in row.iter().filter(|link| link.form_factor > 0.0) {
+        let part = if is_dark(link.source)? { &mut dark } else { &mut lit };
+        *part = part.with(link, false);
+    }
+    let lifted = lit.times(lift);
+    let left = (lit.form_factor + dark.form_factor - lifted.form_factor).max(0.0);
+    let share = if dark.form_factor > 0.0 { left / dark.form_factor } else { 0.0 };
+    Ok((lifted.plus(&dark.times(share)), share / lift))
 }
 
 /// Whether a leaf's row was closed as that of a sealed one.
@@ -364,5 +394,39 @@ mod tests {
     fn an_unlit_row_stays_zero() {
         let row = closed(Row { unseen: 1.0, complete: true, ..Row::default() });
         assert_eq!((row.own_scale, row.closed_sum), (1.0, 0.0));
+    }
+
+    #[test]
+    fn leaves_beside_sealed_ones_see_more_of_what_is_lit_and_less_of_what_is_dark() {
+        let (mut mesh, patch) = Mesh::of_square(crate::base::Rgb::BLACK);
+        let root = mesh.elements[0].name;
+        mesh.split(0, &patch);
+        let [lit, dark] = [1, 2].map(|c| NodeName::root(ClusterId(c), PatchSide { patch: 0, side: 0 }));
+        let is_sealed = |leaf: NodeName| leaf == root.child(0) || leaf == root.child(3);
+        let lift = crate::transport::seal::lift(&mesh, is_sealed);
+        let close = |lit_share: f32| {
+            let link = |source, form_factor| Link {
+                source,
+                form_factor,
+                spread: 0.0,
+                uncertainty: 0.1 * form_factor,
+                class: Visibility::Surveyed,
+            };
+            let mut links = vec![Vec::new(); 5];
+            links[0] = vec![link(lit, lit_share), link(dark, 1.0 - lit_share)];
+            let measured = |leaf| Row { complete: true, sealed: is_sealed(leaf), ..Row::default() };
+            rows(&mesh, &links, &lift, |_| false, |source| Ok(source == dark), measured).unwrap()
+        };
+        let closed = close(0.4);
+        // Of a row of 0.4 and 0.6 half of the leaves see 0.8 and 0.2.
+        assert!((closed.dark_shares[0] * 2.0 * 0.6 - 0.2).abs() < 1e-6 && closed.dark_shares[1..] == [1.0; 4]);
+        for closed in closed.leaves {
+            let is_kept = closed.above_scale == 1.0 && closed.above_correction.abs() < 1e-6;
+            assert!(is_kept != is_sealed(NodeName(closed.leaf)), "{closed:?}");
+        }
+        // More than all of what is seen cannot be lit.
+        let over = close(0.75);
+        assert!(over.leaves.iter().all(|c| c.closed_sum < 1.0 + 1e-6 && c.above_correction <= 0.0));
+        assert_eq!(over.dark_shares[0], 0.0);
     }
 }

@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use glam::DVec3;
 
 use super::bundle::SideCache;
-use super::closure::{self, Row};
+use super::closure::{self, Closed, Row};
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::Tolerances;
@@ -178,11 +178,12 @@ impl MemoryScene {
             let sealed = receiver.sealed_leaves(&context, &visible, |_| false).expect("memory does not fail").leaves;
             let mut counts = receiver.counts;
             let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
-            let closure = closure::rows(
+            let Closed { leaves: closure, dark_shares } = closure::rows(
                 &receiver.mesh,
                 &receiver.rows,
                 &lift,
                 |_| false,
+                |name| Ok(sources.source(&*self, name)?.light.radiosity.is_black()),
                 |leaf| {
                     let patch = &own.patches[usize::from(leaf.patch_side().patch)];
                     let node = Node::at(ClusterId(i as u32), patch, leaf);
@@ -197,7 +198,8 @@ impl MemoryScene {
                         ..Row::default()
                     }
                 },
-            );
+            )
+            .expect("memory does not fail");
             self.counts.evaluated += counts.evaluated;
             self.counts.rays += counts.rays;
             self.counts.reused += counts.reused;
@@ -210,6 +212,7 @@ impl MemoryScene {
                 materials: own.materials.clone(),
                 external: vec![Gathered::default(); length],
                 factors,
+                dark_shares,
                 first,
             });
             first += length;

@@ -17,6 +17,8 @@ pub struct Member {
     pub external: Vec<Gathered>,
     /// By position: see [`super::push_pull::factors`].
     pub factors: Vec<Factors>,
+    /// By position: see [`super::closure::Closed`].
+    pub dark_shares: Vec<f32>,
     /// Position of its first node among the group's.
     pub first: usize,
 }
@@ -96,6 +98,8 @@ pub fn relax(
         debug_assert_eq!(member.first, radiosity.len());
         radiosity.extend(member.radiosities());
     }
+    // Closing took these for dark.
+    let was_dark: Vec<bool> = radiosity.iter().map(|b| b.is_black()).collect();
     let mut done = Relaxed::default();
     let mut last_change = f64::INFINITY;
     loop {
@@ -106,11 +110,11 @@ pub fn relax(
             }
             let mut gathered = members[index].external.clone();
             links.each(index, members, &mut |link| {
-                gathered[link.receiver as usize].add(
-                    radiosity[link.source as usize],
-                    f64::from(link.form_factor),
-                    f64::from(link.error),
-                );
+                let (receiver, source) = (link.receiver as usize, link.source as usize);
+                let dark_share = f64::from(members[index].dark_shares[receiver]);
+                let share = if dark_share != 1.0 && was_dark[source] { dark_share } else { 1.0 };
+                let (form_factor, error) = (f64::from(link.form_factor), f64::from(link.error));
+                gathered[receiver].add(radiosity[source], share * form_factor, share * error);
                 done.links += 1;
             })?;
             let member = &mut members[index];
