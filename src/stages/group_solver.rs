@@ -167,33 +167,22 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let emits = |leaf: NodeName| view.emits(leaf);
         let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
         let is_dark = |name: NodeName| Ok(self.sources.source(self.set, name)?.light.radiosity.is_black());
-        let Closed { leaves: closure, dark_shares } =
-            closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, is_dark, |leaf| {
-                let escape_rays = closure::escape_rays(emits(leaf));
-                let escape = match known.get(&leaf.0) {
-                    Some(stored) => f64::from(stored.measured_escape),
-                    None if head.escape > 0.0 => {
-                        let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
-                        closure::measure_escape(
-                            self.cuts.scene(),
-                            &node,
-                            escape_rays,
-                            self.settings.seed,
-                            &mut counts.rays,
-                        )
-                    }
-                    None => 0.0,
-                };
-                let complete = self.settings.scope == Scope::Everything;
-                Row {
-                    escape,
-                    escape_rays,
-                    unseen: f64::from(head.missing),
-                    complete,
-                    sealed: sealed.contains(&leaf),
-                    ..Row::default()
+        let complete = self.settings.scope == Scope::Everything;
+        let measured = |leaf: NodeName| {
+            let escape_rays = closure::escape_rays(emits(leaf));
+            let escape = match known.get(&leaf.0) {
+                Some(stored) => f64::from(stored.measured_escape),
+                None if head.escape > 0.0 => {
+                    let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
+                    closure::measure_escape(self.cuts.scene(), &node, escape_rays, self.settings.seed, &mut counts.rays)
                 }
-            })?;
+                None => 0.0,
+            };
+            let (unseen, sealed) = (f64::from(head.missing), sealed.contains(&leaf));
+            Row { escape, escape_rays, unseen, complete, sealed, ..Row::default() }
+        };
+        let Closed { leaves: closure, dark_shares } =
+            closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, is_dark, measured)?;
         let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
         let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
         let Receiver { mesh, rows, changed, .. } = receiver;

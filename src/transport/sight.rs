@@ -412,11 +412,11 @@ pub(super) fn cast(
 ) -> (Sight, u64) {
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
     let mut tally = Tally { open, ..Tally::default() };
-    let mut target = FIRST_RAYS;
+    let mut target = if care.tries.is_some() { u64::MAX } else { FIRST_RAYS };
     let mut tries = 0;
     loop {
-        let most = care.tries.unwrap_or(TRIES_PER_RAY * target);
-        while tries < most && (tally.cast < target || care.tries.is_some()) {
+        let most = care.tries.unwrap_or_else(|| TRIES_PER_RAY * target);
+        while tries < most && tally.cast < target {
             ray(tries, &mut tally);
             tries += 1;
         }
@@ -427,7 +427,7 @@ pub(super) fn cast(
         let share = tally.share();
         let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;
-        if care.tries.is_some() || doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS {
+        if doubt <= allowed || (mixed && care.can_split) || target >= MOST_RAYS {
             let sight = Sight {
                 form_factor: unoccluded * share,
                 spread: clear.spread * share + unoccluded * tally.gradient(),
