@@ -1,6 +1,7 @@
 //! What becomes of a node that is surveyed: split, or kept with so many rays.
 
 use super::bundle::{Bundle, Side};
+use super::oracle::SOURCE_SIGN;
 use super::refine::{Context, Receiver};
 use super::survey::RAYS;
 use super::survey_row::Worth;
@@ -34,10 +35,11 @@ pub(super) enum Verdict {
 }
 
 impl Receiver<'_> {
-    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2).
+    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2). What is close to a
+    /// part hides it from others, which see the rest and get the mean: errors of one sign, as those of sources are.
     pub(super) fn can_resolve(&self, context: &Context<'_>, r: &Bundle, unresolved: f64) -> bool {
         let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
-        let excess = unresolved / context.tolerances.row_w_m2;
+        let excess = SOURCE_SIGN * unresolved / context.tolerances.row_w_m2;
         let matters = excess > 1.0 && excess * r.area_m2 > floor_m * floor_m;
         matters && can_divide(r, floor_m)
     }
