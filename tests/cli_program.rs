@@ -265,3 +265,20 @@ fn help_pages_and_completions_come_from_the_flags() {
     assert!(text(&["--help"]).contains("Look after the store:"));
     assert_eq!(code(&clerestory(dir.path(), &["help", "fly"])), 2);
 }
+
+/// A shell or `cargo run` that becomes this program has had children of its own.
+#[test]
+fn figures_tell_what_the_program_used_not_what_ran_before_it_in_the_same_process() {
+    let dir = tempfile::tempdir().unwrap();
+    box_model(dir.path());
+    let script = "head -c 100000000 /dev/zero > /dev/null; exec \"$0\" ingest box.clr box.obj --json";
+    let mut shell = Command::new("sh");
+    shell.args(["-c", script, env!("CARGO_BIN_EXE_clerestory")]).current_dir(dir.path());
+    let out = shell.output().unwrap();
+    assert_eq!(code(&out), 0, "{}", stderr(&out));
+    let summary = json(&out);
+    for key in ["bytes_read", "bytes_written"] {
+        let bytes = summary[key].as_u64().unwrap();
+        assert!(0 < bytes && bytes < 50_000_000, "{key}: {bytes}");
+    }
+}

@@ -11,10 +11,10 @@ const PERIOD: Duration = Duration::from_millis(20);
 /// Clock ticks of `/proc/self/stat`: fixed on Linux.
 const TICKS_PER_S: f64 = 100.0;
 
-/// Figures of a process and of its children that have ended.
+/// Figures of a process and of its children that have ended, since the start of the watch.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Figures {
-    /// Since the start of the watch, s.
+    /// Time, s.
     pub wall_s: f64,
     /// Processor time, s.
     pub cpu_s: f64,
@@ -31,6 +31,8 @@ pub struct Figures {
 /// Watches the process until dropped.
 pub struct Watch {
     began: Instant,
+    /// What the process had used before: a shell or `cargo run` that became this program leaves its children's.
+    before: Used,
     peak_anon: Arc<AtomicU64>,
     ended: Arc<AtomicBool>,
     sampler: Option<JoinHandle<()>>,
@@ -49,21 +51,44 @@ impl Watch {
                 std::thread::park_timeout(PERIOD);
             }
         });
-        Self { began: Instant::now(), peak_anon, ended, sampler: sampler.ok() }
+        Self { began: Instant::now(), before: Used::now(), peak_anon, ended, sampler: sampler.ok() }
     }
 
     /// The figures so far.
     #[must_use]
     pub fn figures(&self) -> Figures {
         sample(&self.peak_anon);
-        let io = std::fs::read_to_string("/proc/self/io").unwrap_or_default();
-        let of = |key| field(&io, key).unwrap_or(0);
+        let (now, before) = (Used::now(), &self.before);
+        let since = |now: u64, before: u64| now.saturating_sub(before);
         Figures {
             wall_s: self.began.elapsed().as_secs_f64(),
-            cpu_s: cpu_s(),
+            cpu_s: now.cpu_s - before.cpu_s,
             peak_rss_bytes: status("VmHWM:"),
             peak_anon_bytes: self.peak_anon.load(Ordering::Relaxed),
-            bytes_read: of("rchar:").max(of("read_bytes:")),
+            bytes_read: since(now.bytes_asked, before.bytes_asked)
+                .max(since(now.bytes_from_disk, before.bytes_from_disk)),
+            bytes_written: since(now.bytes_written, before.bytes_written),
+        }
+    }
+}
+
+/// What the system has counted for the process and its ended children.
+struct Used {
+    cpu_s: f64,
+    /// Read by calls.
+    bytes_asked: u64,
+    bytes_from_disk: u64,
+    bytes_written: u64,
+}
+
+impl Used {
+    fn now() -> Self {
+        let io = std::fs::read_to_string("/proc/self/io").unwrap_or_default();
+        let of = |key| field(&io, key).unwrap_or(0);
+        Self {
+            cpu_s: cpu_s(),
+            bytes_asked: of("rchar:"),
+            bytes_from_disk: of("read_bytes:"),
             bytes_written: of("wchar:"),
         }
     }

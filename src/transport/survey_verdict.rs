@@ -1,7 +1,6 @@
 //! What becomes of a node that is surveyed: split, or kept with so many rays.
 
 use super::bundle::{Bundle, Side};
-use super::oracle::SOURCE_SIGN;
 use super::refine::{Context, Receiver};
 use super::survey::RAYS;
 use super::survey_row::Worth;
@@ -23,6 +22,10 @@ const UNEQUAL: f64 = 0.5;
 /// Share of the smallest element's edge down to which what is close by is resolved.
 const NEAR_FLOOR: f64 = 0.25;
 
+/// How often what a mean hides of what is close by counts: for what the node gets, and for what it sends, since what is
+/// close to a part of it hides that part from others, which see the rest and get the mean.
+const GOT_AND_SENT: f64 = 2.0;
+
 /// Width of a strip, in smallest elements, beyond which its quarters would be more for its width than for its length.
 const NARROW: f64 = 0.25;
 
@@ -35,11 +38,10 @@ pub(super) enum Verdict {
 }
 
 impl Receiver<'_> {
-    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2). What is close to a
-    /// part hides it from others, which see the rest and get the mean: errors of one sign, as those of sources are.
+    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2).
     pub(super) fn can_resolve(&self, context: &Context<'_>, r: &Bundle, unresolved: f64) -> bool {
         let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
-        let excess = SOURCE_SIGN * unresolved / context.tolerances.row_w_m2;
+        let excess = GOT_AND_SENT * unresolved / context.tolerances.row_w_m2;
         let matters = excess > 1.0 && excess * r.area_m2 > floor_m * floor_m;
         matters && can_divide(r, floor_m)
     }
