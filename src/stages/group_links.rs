@@ -10,9 +10,9 @@ use crate::model::ExtentKind;
 use crate::model::links::{LinksView, index_of};
 use crate::store::Extent;
 use crate::store::tasks::UpdateRow;
-use crate::transport::closure;
 use crate::transport::link_rows::{self, Link};
 use crate::transport::relax::{InnerLink, InnerLinks, Member};
+use crate::transport::row_parts;
 use crate::transport::source_memo::SourceMemo;
 
 /// A cluster's link extents, base first.
@@ -212,7 +212,7 @@ impl InnerLinks for GroupLinks<'_, '_> {
             if let Some(source) = table.inside(source)
                 && link.form_factor > 0.0
             {
-                let error = closure::error(link, mesh.is_leaf_at(receiver)) as f32;
+                let error = row_parts::error(link, mesh.is_leaf_at(receiver)) as f32;
                 let link = InnerLink { receiver: receiver as u32, source, form_factor: link.form_factor, error };
                 count += 1;
                 visit(&link);

@@ -24,6 +24,7 @@ use crate::transport::push_pull::{self, Gathered};
 use crate::transport::records;
 use crate::transport::refine::{Context, Counts, Receiver, Scope};
 use crate::transport::relax::{self, Inner, Member};
+use crate::transport::row_parts;
 use crate::transport::seal::{self, Sealed};
 use crate::transport::source::Loaded;
 use crate::transport::source_memo::SourceMemo;
@@ -166,7 +167,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let patches = view.geometry.patches;
         let emits = |leaf: NodeName| view.emits(leaf);
         let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
-        let is_dark = |name: NodeName| Ok(self.sources.source(self.set, name)?.light.radiosity.is_black());
+        let is_dark = |name: NodeName| self.sources.is_dark(self.set, name);
         let complete = self.settings.scope == Scope::Everything;
         let measured = |leaf: NodeName| {
             let escape_rays = closure::escape_rays(emits(leaf));
@@ -208,7 +209,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
             let mut external = vec![Gathered::default(); mesh.node_count()];
             store.visit(index, members, Wanted::Outside, |table: &SourceTable, receiver, source, link| {
                 if let Some(radiosity) = table.outside(source) {
-                    let error = closure::error(link, mesh.is_leaf_at(receiver));
+                    let error = row_parts::error(link, mesh.is_leaf_at(receiver));
                     external[receiver].add(radiosity, f64::from(link.form_factor), error);
                 }
             })?;

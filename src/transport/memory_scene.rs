@@ -15,6 +15,7 @@ use super::push_pull::{self, Gathered};
 use super::records;
 use super::refine::{Context, Counts, Receiver, Scope};
 use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
+use super::row_parts;
 use super::seal;
 use super::source::{ClusterView, Clusters, Loaded};
 use super::source_memo::SourceMemo;
@@ -183,7 +184,7 @@ impl MemoryScene {
                 &receiver.rows,
                 &lift,
                 |_| false,
-                |name| Ok(sources.source(&*self, name)?.light.radiosity.is_black()),
+                |name| sources.is_dark(&*self, name),
                 |leaf| {
                     let patch = &own.patches[usize::from(leaf.patch_side().patch)];
                     let node = Node::at(ClusterId(i as u32), patch, leaf);
@@ -267,7 +268,7 @@ impl InnerLinks for AllLinks<'_> {
             for link in row {
                 let member = &members[link.source.cluster().0 as usize];
                 let source = (member.first + member.mesh.position(link.source)) as u32;
-                let error = closure::error(link, is_leafs) as f32;
+                let error = row_parts::error(link, is_leafs) as f32;
                 visit(&InnerLink { receiver, source, form_factor: link.form_factor, error });
             }
         }

@@ -2,6 +2,7 @@
 //! Pure: views of records in, records out.
 
 pub mod bundle;
+mod cells;
 pub mod closure;
 pub mod contour;
 pub mod form_factor;
@@ -22,6 +23,7 @@ pub mod records;
 pub mod refine;
 pub mod relax;
 pub mod residual;
+pub mod row_parts;
 pub mod seal;
 pub mod sectors;
 pub mod sight;

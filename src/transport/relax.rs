@@ -144,3 +144,40 @@ pub fn relax(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Quiet;
+
+    /// Links by receiving member.
+    struct Given(Vec<Vec<InnerLink>>);
+
+    impl InnerLinks for Given {
+        fn each(&mut self, index: usize, _: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
+            self.0[index].iter().for_each(visit);
+            Ok(())
+        }
+    }
+
+    /// A square of one element.
+    fn square(first: usize, rho: f32, exitance: f32, dark_share: f32) -> Member {
+        let (mesh, _) = Mesh::of_square(Rgb::BLACK);
+        let side = SideMaterial { rho: [rho; 3], exitance: [exitance; 3] };
+        let factors = vec![Factors::ONE; mesh.node_count()];
+        let external = vec![Gathered::default(); mesh.node_count()];
+        Member { mesh, materials: vec![side; 2], external, factors, dark_shares: vec![dark_share], first }
+    }
+
+    #[test]
+    fn what_was_dark_when_rows_were_closed_gives_its_share_though_it_is_lit_by_now() {
+        // The first sees a lamp and a mirror of it that was dark; of what was dark half is left to it.
+        let mut members = [square(0, 0.0, 0.0, 0.5), square(1, 0.0, 10.0, 1.0), square(2, 0.5, 0.0, 1.0)];
+        let link = |source, form_factor| InnerLink { receiver: 0, source, form_factor, error: 0.0 };
+        let mut links = Given(vec![vec![link(1, 0.25), link(2, 0.5)], Vec::new(), vec![link(1, 0.8)]]);
+        relax(&mut members, &mut links, Inner::Gathers(3), &Quiet).unwrap();
+        let got = members.each_ref().map(|member| member.mesh.elements[0].irradiance.0[0]);
+        let expected = [0.25 * 10.0 + 0.5 * 0.5 * (0.5 * 8.0), 0.0, 8.0];
+        assert!(got.iter().zip(expected).all(|(got, expected)| (got - expected).abs() < 1e-6), "{got:?}");
+    }
+}

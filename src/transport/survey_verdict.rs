@@ -1,6 +1,7 @@
 //! What becomes of a node that is surveyed: split, or kept with so many rays.
 
 use super::bundle::{Bundle, Side};
+use super::oracle::Tolerances;
 use super::refine::{Context, Receiver};
 use super::survey::RAYS;
 use super::survey_row::Worth;
@@ -41,9 +42,7 @@ impl Receiver<'_> {
     /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2).
     pub(super) fn can_resolve(&self, context: &Context<'_>, r: &Bundle, unresolved: f64) -> bool {
         let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
-        let excess = GOT_AND_SENT * unresolved / context.tolerances.row_w_m2;
-        let matters = excess > 1.0 && excess * r.area_m2 > floor_m * floor_m;
-        matters && can_divide(r, floor_m)
+        hides_much(&context.tolerances, r.area_m2, unresolved) && can_divide(r, floor_m)
     }
 
     /// Verdict on a node that may be divided down to elements of `smallest_m`.
@@ -83,6 +82,13 @@ impl Receiver<'_> {
     }
 }
 
+/// Whether what a mean over so much area hides of what is close by (W/m2) matters.
+fn hides_much(tolerances: &Tolerances, area_m2: f64, unresolved: f64) -> bool {
+    let floor_m = NEAR_FLOOR * tolerances.min_element_m;
+    let excess = GOT_AND_SENT * unresolved / tolerances.row_w_m2;
+    excess > 1.0 && excess * area_m2 > floor_m * floor_m
+}
+
 /// Whether a node may be divided into elements no smaller than `smallest_m`.
 pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
     let narrow_m = NARROW * smallest_m;
@@ -95,4 +101,19 @@ pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
 pub(super) fn is_uneven(r: &Bundle, smallest_m: f64) -> bool {
     let is_too_large = |side: &Side| side.area_m2 > 0.25 * r.area_m2 && !side.node.is_smallest(smallest_m);
     r.as_element().is_none() && r.sides().iter().any(is_too_large)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_mean_hides_counts_for_what_is_got_and_for_what_is_sent() {
+        let tolerances = Tolerances { row_w_m2: 1.0, min_element_m: 0.4 };
+        let large_m2 = 1.0;
+        assert!(hides_much(&tolerances, large_m2, 0.6), "half of the error is carried twice");
+        assert!(!hides_much(&tolerances, large_m2, 0.4));
+        // A node of a quarter of the smallest element's edge, 0.01 m2, is divided for no less than its own error.
+        assert!(!hides_much(&tolerances, 0.004, 0.6) && hides_much(&tolerances, 0.004, 1.3));
+    }
 }
