@@ -19,6 +19,7 @@ use crate::transport::gather_point::{self, Gathered};
 use crate::transport::lamp_list::LampTree;
 use crate::transport::lamp_survey;
 use crate::transport::link_rows::{self, Link};
+use crate::transport::point_survey;
 use crate::transport::source::{Clusters, Loaded};
 
 /// Rows and closures of a receiving cluster, by name.
@@ -92,7 +93,7 @@ impl<'a, 's> PointLight<'a, 's> {
             min_element_m: self.min_element_m,
         };
         let mut gathered = Gathered::default();
-        let survey = gather_point::survey(&self.cuts, self.set, &place, &mut self.rays)?;
+        let survey = point_survey::survey(&self.cuts, self.set, &place, &mut self.rays)?;
         let (mut linked, mut is_surveyed) = (Vec::new(), survey.is_gap);
         let mut above = Some(leaf.name);
         while let Some(name) = above {
@@ -140,7 +141,7 @@ impl<'a, 's> PointLight<'a, 's> {
             linked.sort_unstable();
             linked.dedup();
             let (rays, before) = (&mut self.rays, gathered);
-            gather_point::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
+            point_survey::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
             return Ok(gather_point::finish_surveyed(&before, &gathered, survey.met_share()));
         }
         let is_full = closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::bundle::SideCache;
-use super::gather_point::{Gathered, Place, Seen, Survey};
+use super::gather_point::{Gathered, Place, Seen};
 use super::lamp_list::{LampTree, Lamps, Place as Start, target};
+use super::point_survey::Survey;
 use super::source::Clusters;
 use crate::base::{NodeName, Result};
 use crate::geom::sequence::{Sequence, mix, mix_point};

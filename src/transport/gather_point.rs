@@ -4,22 +4,18 @@
 use glam::DVec3;
 
 use super::form_factor;
-use super::lamp_list::is_close_lamp;
 use super::link_rows::Link;
-use super::met::{Answer, answer, weights};
 use super::refine::DIM;
 use super::sight::UNANIMOUS;
-use super::source::{ClusterView, Clusters};
-use super::survey_row::counted_error;
-use crate::base::{ClusterId, NodeName, Result, Rgb};
+use super::source::ClusterView;
+use crate::base::Rgb;
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
-use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
+use crate::geom::sequence::{Sequence, mix, mix_point};
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::region::{Cuts, Region};
-use crate::rays::traverse::Nearest;
 
 /// The place: a point on a patch side.
 pub struct Place<'a> {
@@ -229,179 +225,6 @@ impl View<'_> {
         let (share, effective) = (visible / all, all * all / squares);
         (share, (share * (1.0 - share) / effective).sqrt().max(UNANIMOUS / (effective + 1.0)))
     }
-}
-
-/// What a point's own rays meet.
-pub struct Survey {
-    met: Vec<Met>,
-    /// Whether the point lies in a gap that elements are too large for: almost all that it sees is closer than they
-    /// are wide.
-    pub is_gap: bool,
-    sequence: Sequence,
-}
-
-impl Survey {
-    /// What a ray that meets a side stands for.
-    pub(super) const RAY: f64 = 1.0 / SURVEY_RAYS as f64;
-
-    /// Share of the rays that met something.
-    #[must_use]
-    pub fn met_share(&self) -> f64 {
-        self.met.len() as f64 * Self::RAY
-    }
-
-    /// The sides of close lamps that rays from the point met, one for each ray.
-    pub(super) fn close_lamps(&self, clusters: &dyn Clusters, point: DVec3) -> Result<Vec<NodeName>> {
-        let mut close = Vec::new();
-        for met in &self.met {
-            if is_close_lamp(&clusters.cluster(met.side.cluster())?.view(), met.side, point, met.to) {
-                close.push(met.side);
-            }
-        }
-        Ok(close)
-    }
-
-    /// The emitting sides among what was met.
-    pub fn emitters(&self, clusters: &dyn Clusters) -> Result<Vec<NodeName>> {
-        let mut sides: Vec<NodeName> = self.met.iter().map(|met| met.side).collect();
-        sides.sort_unstable();
-        sides.dedup();
-        let mut emitters = Vec::new();
-        for side in sides {
-            if clusters.cluster(side.cluster())?.view().emits(side) {
-                emitters.push(side);
-            }
-        }
-        Ok(emitters)
-    }
-}
-
-/// Rays of a point's own survey.
-const SURVEY_RAYS: u64 = 1024;
-
-/// Smallest elements up to which what is seen is too close for them to tell how its light changes.
-const NEAR_ELEMENTS: f64 = 2.0;
-
-/// Share of what is seen that is close in a gap.
-const GAP_SHARE: f64 = 0.85;
-
-/// Reflections of a path within a gap: what is left after that is black.
-const MOST_REFLECTIONS: u64 = 16;
-
-/// Casts a point's own rays. Counts them.
-pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays: &mut u64) -> Result<Survey> {
-    let p = place.point;
-    let sequence = Sequence::new(mix(mix_point(p)));
-    let (mut met, mut near) = (Vec::new(), 0);
-    for index in 0..SURVEY_RAYS {
-        let [_, _, c, d] = sequence.point(index);
-        let direction = cosine_direction(place.leaf.normal, c, d);
-        *rays += 1;
-        if let Some(found) = meet(cuts, clusters, p, direction, place.leaf)? {
-            near += u64::from(found.is_near(place.min_element_m));
-            met.push(found);
-        }
-    }
-    Ok(Survey { met, is_gap: near as f64 > GAP_SHARE * SURVEY_RAYS as f64, sequence })
-}
-
-/// What a ray met.
-#[derive(Clone, Copy)]
-struct Met {
-    side: NodeName,
-    answer: Answer,
-    to: DVec3,
-    distance_m: f64,
-}
-
-impl Met {
-    /// Whether the place is too close for elements to tell how its light changes; none is larger than twice
-    /// `min_element_m` there unless its light hardly changes.
-    fn is_near(&self, min_element_m: f64) -> bool {
-        let size_m = self.answer.element.map_or(min_element_m, |e| e.shape.longest_edge().min(min_element_m));
-        self.distance_m < NEAR_ELEMENTS * size_m
-    }
-}
-
-/// What a ray from an element meets; `None` where nothing takes part.
-fn meet(
-    cuts: &Cuts<'_>,
-    clusters: &dyn Clusters,
-    from: DVec3,
-    direction: DVec3,
-    element: &Node,
-) -> Result<Option<Met>> {
-    let Nearest::Met(hit) = cuts.scene().nearest(from, direction, Some(&element.end)) else { return Ok(None) };
-    let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
-    let view = loaded.view();
-    let at = hit.side();
-    let to = from + direction * hit.t;
-    Ok(view.takes_part(at.index()).then(|| Met {
-        side: NodeName::root(view.id, at),
-        answer: answer(cuts, &view, at, cuts.above(from, element.normal), to),
-        to,
-        distance_m: hit.t,
-    }))
-}
-
-/// Adds what arrives from all sides that are not in `linked` (ascending); in a gap by paths that are followed until
-/// they leave it. Counts rays.
-pub fn add_survey(
-    cuts: &Cuts<'_>,
-    clusters: &dyn Clusters,
-    place: &Place<'_>,
-    survey: &Survey,
-    linked: &[NodeName],
-    gathered: &mut Gathered,
-    rays: &mut u64,
-) -> Result<()> {
-    let met: Vec<&Met> = survey.met.iter().filter(|found| linked.binary_search(&found.side).is_err()).collect();
-    let kinds: Vec<_> = met.iter().map(|found| (found.side.cluster(), found.answer.kind())).collect();
-    let (mut light, mut all) = (Rgb::BLACK, 0.0);
-    for ((index, found), weight) in (1..).zip(&met).zip(weights(&kinds)) {
-        let Some(leaf) = found.answer.element else { continue };
-        let radiosity = if survey.is_gap {
-            follow(cuts, clusters, place, survey.sequence, index, **found, rays)?
-        } else {
-            clusters.cluster(found.side.cluster())?.view().source(leaf.name).radiosity
-        };
-        light += radiosity * weight;
-        all += weight;
-    }
-    if all > 0.0 {
-        let share = met.len() as f64 / SURVEY_RAYS as f64;
-        let error = counted_error(share, SURVEY_RAYS as f64);
-        gathered.add(light * (1.0 / all), Seen { form_factor: share, error });
-    }
-    Ok(())
-}
-
-/// Light that leaves a place towards where it was met from, W/m2: that of its leaf, unless that is too close.
-fn follow(
-    cuts: &Cuts<'_>,
-    clusters: &dyn Clusters,
-    place: &Place<'_>,
-    sequence: Sequence,
-    index: u64,
-    mut met: Met,
-    rays: &mut u64,
-) -> Result<Rgb> {
-    let mut through = Rgb::grey(1.0);
-    for reflection in 0..MOST_REFLECTIONS {
-        let Some(leaf) = met.answer.element else { return Ok(Rgb::BLACK) };
-        let loaded = clusters.cluster(met.side.cluster())?;
-        let view = loaded.view();
-        if !met.is_near(place.min_element_m) || view.emits(leaf.name) {
-            return Ok(through.times(view.source(leaf.name).radiosity));
-        }
-        through = through.times(Rgb::from_f32(view.materials[leaf.name.patch_side().index()].rho));
-        let [_, _, c, d] = sequence.point((reflection + 1) * SURVEY_RAYS + index);
-        *rays += 1;
-        let direction = cosine_direction(leaf.normal, c, d);
-        let Some(next) = meet(cuts, clusters, met.to, direction, &leaf)? else { return Ok(Rgb::BLACK) };
-        met = next;
-    }
-    Ok(Rgb::BLACK)
 }
 
 /// Irradiance at the place, its row closed.

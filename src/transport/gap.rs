@@ -1,0 +1,150 @@
+//! Gaps that elements are too large for: paths are followed until they have left them.
+
+use glam::DVec3;
+
+use super::met::{Answer, answer};
+use super::source::Clusters;
+use crate::base::{ClusterId, NodeName, Result, Rgb};
+use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
+use crate::rays::node::Node;
+use crate::rays::region::Cuts;
+use crate::rays::traverse::Nearest;
+
+/// Smallest elements up to which what is seen is too close for them to tell how its light changes.
+const NEAR_ELEMENTS: f64 = 2.0;
+
+/// Share of what is seen that is close in a gap.
+const GAP_SHARE: f64 = 0.85;
+
+/// Whether a place of which `near` of so many rays met something close lies in a gap.
+pub(super) fn is_gap(near: u64, rays: u64) -> bool {
+    near as f64 > GAP_SHARE * rays as f64
+}
+
+/// Rays that tell whether a place that a path met lies in a gap.
+const PROBES: u64 = 8;
+
+/// Reflections of a path within a gap: what is left after that is black.
+const MOST_REFLECTIONS: u64 = 16;
+
+/// What a ray met.
+#[derive(Clone, Copy)]
+pub(super) struct Met {
+    pub(super) side: NodeName,
+    pub(super) answer: Answer,
+    pub(super) to: DVec3,
+    distance_m: f64,
+}
+
+impl Met {
+    /// Whether the place is too close for elements to tell how its light changes; none is larger than twice
+    /// `min_element_m` there unless its light hardly changes.
+    pub(super) fn is_near(&self, min_element_m: f64) -> bool {
+        let size_m = self.answer.element.map_or(min_element_m, |e| e.shape.longest_edge().min(min_element_m));
+        self.distance_m < NEAR_ELEMENTS * size_m
+    }
+}
+
+/// What a ray from an element meets; `None` where nothing takes part.
+pub(super) fn meet(
+    cuts: &Cuts<'_>,
+    clusters: &dyn Clusters,
+    from: DVec3,
+    direction: DVec3,
+    element: &Node,
+) -> Result<Option<Met>> {
+    let Nearest::Met(hit) = cuts.scene().nearest(from, direction, Some(&element.end)) else { return Ok(None) };
+    let loaded = clusters.cluster(ClusterId(hit.key.cluster))?;
+    let view = loaded.view();
+    let at = hit.side();
+    let to = from + direction * hit.t;
+    Ok(view.takes_part(at.index()).then(|| Met {
+        side: NodeName::root(view.id, at),
+        answer: answer(cuts, &view, at, cuts.above(from, element.normal), to),
+        to,
+        distance_m: hit.t,
+    }))
+}
+
+/// A gap in which paths from a point begin.
+pub(super) struct Gap<'a, 's> {
+    pub(super) cuts: &'a Cuts<'s>,
+    pub(super) clusters: &'a dyn Clusters,
+    /// No element edge is below this, m.
+    pub(super) min_element_m: f64,
+    /// The point's.
+    pub(super) sequence: Sequence,
+    /// How many begin there.
+    pub(super) paths: u64,
+}
+
+impl Gap<'_, '_> {
+    /// Light that leaves a place towards where path `index` met it from, W/m2: that of its leaf, unless it is too close
+    /// for that or lies in a gap itself, as what is met along a gap does.
+    pub(super) fn follow(&self, index: u64, mut met: Met, rays: &mut u64) -> Result<Rgb> {
+        let mut through = Rgb::grey(1.0);
+        for reflection in 0..MOST_REFLECTIONS {
+            let Some(leaf) = met.answer.element else { return Ok(Rgb::BLACK) };
+            let loaded = self.clusters.cluster(met.side.cluster())?;
+            let view = loaded.view();
+            if view.emits(leaf.name) || !self.holds(&met, &leaf, rays)? {
+                return Ok(through.times(view.source(leaf.name).radiosity));
+            }
+            through = through.times(Rgb::from_f32(view.materials[leaf.name.patch_side().index()].rho));
+            let [_, _, c, d] = self.sequence.point((reflection + 1) * self.paths + index);
+            *rays += 1;
+            let direction = cosine_direction(leaf.normal, c, d);
+            let Some(next) = meet(self.cuts, self.clusters, met.to, direction, &leaf)? else { return Ok(Rgb::BLACK) };
+            met = next;
+        }
+        Ok(Rgb::BLACK)
+    }
+
+    /// Whether a path is still in the gap where it met a leaf.
+    fn holds(&self, met: &Met, leaf: &Node, rays: &mut u64) -> Result<bool> {
+        if met.is_near(self.min_element_m) {
+            return Ok(true);
+        }
+        let sequence = Sequence::new(mix(mix_point(met.to)));
+        let mut near = 0;
+        for probe in 0..PROBES {
+            let [_, _, c, d] = sequence.point(probe);
+            *rays += 1;
+            let found = meet(self.cuts, self.clusters, met.to, cosine_direction(leaf.normal, c, d), leaf)?;
+            near += u64::from(found.is_some_and(|found| found.is_near(self.min_element_m)));
+        }
+        Ok(is_gap(near, PROBES))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::memory_scene::MemoryScene;
+
+    /// A floor with a sheet 3 cm above a quarter of it, and a wall along its end.
+    fn floor_with_sheet() -> MemoryScene {
+        let floor = vec![[0.0; 3], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [0.0, 4.0, 0.0]];
+        let sheet = vec![[0.0, 0.0, 0.03], [0.0, 2.0, 0.03], [2.0, 2.0, 0.03], [2.0, 0.0, 0.03]];
+        let wall = vec![[4.0, 0.0, 0.0], [4.0, 0.0, 3.0], [4.0, 4.0, 3.0], [4.0, 4.0, 0.0]];
+        MemoryScene::new(&[floor, sheet, wall].map(|corners| (corners, 0.5, 0.0)))
+    }
+
+    #[test]
+    fn what_a_ray_meets_far_along_a_gap_lies_in_it() {
+        let scene = floor_with_sheet();
+        let cuts = Cuts::new(scene.rays(), 0.1);
+        let loaded = scene.cluster(ClusterId(0)).unwrap();
+        let side = crate::base::PatchSide { patch: 0, side: 0 };
+        let floor = Node::root(ClusterId(0), &loaded.view().geometry.patches[0], side);
+        let gap = Gap { cuts: &cuts, clusters: &scene, min_element_m: 0.1, sequence: Sequence::new(1), paths: 1 };
+        let holds = |from: DVec3, to: DVec3| {
+            let met = meet(&cuts, &scene, from, (to - from).normalize(), &floor).unwrap().expect("something is there");
+            assert!(met.to.distance(to) < 1e-3 && !met.is_near(0.1), "{} for {to}", met.to);
+            gap.holds(&met, &met.answer.element.unwrap(), &mut 0).unwrap()
+        };
+        assert!(holds(DVec3::new(0.2, 0.2, 0.0), DVec3::new(1.7, 1.2, 0.03)), "at the sheet, from below it");
+        assert!(!holds(DVec3::new(3.0, 1.0, 0.0), DVec3::new(4.0, 1.2, 1.0)), "at the wall");
+        assert!(!holds(DVec3::new(1.9, 1.0, 0.0), DVec3::new(4.0, 1.0, 0.02)), "at the wall, out of the gap");
+    }
+}
