@@ -85,6 +85,13 @@ impl<'a> Cuts<'a> {
         Region::round(&self.scene, node, self.anchor(node).unwrap_or(0), self.min_element_m)
     }
 
+    /// Whether a straight line just above a node joins two of its places.
+    #[must_use]
+    pub fn joins(&self, node: &Node, from: DVec3, to: DVec3) -> bool {
+        let lifts = heights(&self.scene, self.min_element_m).map(|h| node.normal * h);
+        lifts.iter().all(|lift| !self.scene.blocked_between(from + *lift, to + *lift))
+    }
+
     /// A point just above a place, where it is clear of what lies in the same plane.
     #[must_use]
     pub fn above(&self, place: DVec3, normal: DVec3) -> DVec3 {

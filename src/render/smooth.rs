@@ -1,5 +1,6 @@
 //! Smooth light over one patch side: values at element corners are means of the leaves that meet
-//! there; inside a leaf they are interpolated. Never across patches, so never through walls.
+//! there; inside a leaf they are interpolated. Never across patches, so never through walls. A wall that stands on a
+//! leaf parts its corners: each knows only the leaves that stand for its part, and a place only the corners of its own.
 
 use std::collections::HashMap;
 
@@ -16,13 +17,17 @@ pub struct SmoothSide {
 }
 
 impl SmoothSide {
-    /// From its patch, the side's leaves and what each has.
+    /// From its patch, the side's leaves and what each has; `stands_for`: whether that is so at a corner of the leaf.
     #[must_use]
-    pub fn new(patch: Polygon, leaves: impl Iterator<Item = (NodeName, Rgb)>) -> Self {
+    pub fn new(
+        patch: Polygon,
+        leaves: impl Iterator<Item = (NodeName, Rgb)>,
+        stands_for: impl Fn(NodeName, usize) -> bool,
+    ) -> Self {
         let mut corners: HashMap<GridPoint, (Rgb, f64)> = HashMap::new();
         for (leaf, value) in leaves {
             let (points, count) = element_corners(&patch, leaf.path());
-            for point in &points[..count] {
+            for (_, point) in points[..count].iter().enumerate().filter(|(i, _)| stands_for(leaf, *i)) {
                 let at = corners.entry(*point).or_default();
                 at.0 += value;
                 at.1 += 1.0;
@@ -31,20 +36,33 @@ impl SmoothSide {
         Self { corners, patch }
     }
 
-    /// Values at a leaf's corners.
+    /// Values at a leaf's corners; black where nothing stands for one.
     #[must_use]
     pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
-        element_corners(&self.patch, leaf.path())
-            .0
-            .map(|point| self.corners.get(&point).map_or(Rgb::BLACK, |(sum, count)| *sum * (1.0 / count)))
+        self.known(leaf).map(|value| value.unwrap_or(Rgb::BLACK))
     }
 
-    /// The value at a point of a leaf.
+    fn known(&self, leaf: NodeName) -> [Option<Rgb>; 4] {
+        element_corners(&self.patch, leaf.path())
+            .0
+            .map(|point| self.corners.get(&point).map(|(sum, count)| *sum * (1.0 / count)))
+    }
+
+    /// The value at a point of a leaf, between those corners that the point may `ask`; `None` if it knows of none.
     #[must_use]
-    pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
-        let values = self.at_corners(leaf);
+    pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3, ask: impl Fn(usize) -> bool) -> Option<Rgb> {
+        let values = self.known(leaf);
         let weights = mean_value_weights(shape.corners(), point);
-        (0..shape.corners().len()).fold(Rgb::BLACK, |sum, i| sum + values[i] * weights[i])
+        let (mut sum, mut all) = (Rgb::BLACK, 0.0);
+        for i in (0..shape.corners().len()).filter(|i| weights[*i] > 0.0) {
+            if let Some(value) = values[i]
+                && ask(i)
+            {
+                sum += value * weights[i];
+                all += weights[i];
+            }
+        }
+        (all > 0.0).then(|| sum * (1.0 / all))
     }
 }
 
@@ -76,6 +94,23 @@ fn mean_value_weights(corners: &[DVec3], point: DVec3) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::{ClusterId, PatchSide};
+    use crate::geom::quadtree;
+
+    #[test]
+    fn a_wall_keeps_what_lies_behind_it_out_of_corners_and_places() {
+        let square = Polygon::new(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]);
+        let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
+        let leaves = (0..4).map(|q| (root.child(q), Rgb::grey(if q == 2 { 0.0 } else { 3.0 })));
+        // The dark quarter stands for what lies behind a wall that leaves only its outer corner there.
+        let outer = |corner: usize| quadtree::child(&square, 2).corners()[corner] == square.corners()[2];
+        let side = SmoothSide::new(square, leaves, |leaf, corner| leaf != root.child(2) || outer(corner));
+        let shape = quadtree::child(&square, 2);
+        let at = |ask: &dyn Fn(usize) -> bool| side.at(root.child(2), &shape, shape.centre(), ask).map(|v| v.0[0]);
+        assert_eq!(at(&|corner| !outer(corner)), Some(3.0));
+        assert_eq!(at(&outer), Some(0.0));
+        assert_eq!(at(&|_| false), None);
+    }
 
     #[test]
     fn mean_value_weights_reproduce_the_point() {

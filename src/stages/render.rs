@@ -11,18 +11,22 @@ use serde::Serialize;
 use super::entry;
 use super::leaves;
 use super::output::{self, Output};
+use super::tolerances;
 use super::working_set::WorkingSet;
-use crate::base::{ClusterId, Error, PatchSide, Progress, Result, Rgb};
+use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
 use crate::geom::bounds::Bounds;
 use crate::geom::quadtree;
 use crate::model::rays::TopRaysView;
 use crate::rays::RayScene;
+use crate::rays::node::Node;
+use crate::rays::region::Cuts;
 use crate::rays::traverse::{Hit, Nearest};
 use crate::render::camera::{Camera, View};
 use crate::render::smooth::SmoothSide;
 use crate::render::tone;
 use crate::store::{ModelFacts, Store};
+use crate::transport::met::answer;
 use crate::transport::source::{ClusterView, Loaded};
 
 /// Rays per pixel and axis.
@@ -209,9 +213,11 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
                 let work = || -> Result<()> {
                     let store = Store::open(&dir, wait)?;
                     let mut eye = Eye::open(&store, version, options)?;
+                    let min_element_m = tolerances::min_element_m(&store, version, facts)?;
                     let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(&dir, "no ray structure"))?;
                     let view = top.parse(TopRaysView::parse)?;
                     let scene = RayScene::new(view, &file, facts.snap_m).map_err(|e| top.damage(e))?;
+                    let cuts = Cuts::new(scene, min_element_m);
                     loop {
                         let y = next.fetch_add(1, Ordering::Relaxed);
                         if y >= height {
@@ -220,7 +226,7 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
                         if progress.interrupted() {
                             return Err(Error::Interrupted);
                         }
-                        let row = eye.row(&scene, camera, y, (width, height))?;
+                        let row = eye.row(&cuts, camera, y, (width, height))?;
                         done.lock().expect("no thread panics")[y as usize] = Some(row);
                         progress.at(u64::from(y));
                     }
@@ -257,7 +263,7 @@ impl<'s> Eye<'s> {
         })
     }
 
-    fn row(&mut self, scene: &RayScene<'_>, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
+    fn row(&mut self, cuts: &Cuts<'_>, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
         let mut row = Row { pixels: Vec::with_capacity(width as usize), covered: 0 };
         for x in 0..width {
             let (mut sum, mut met) = (Rgb::BLACK, false);
@@ -266,8 +272,8 @@ impl<'s> Eye<'s> {
                     (f64::from(pixel) + (f64::from(step) + 0.5) / f64::from(GRID)) / f64::from(size)
                 };
                 let (from, along) = camera.ray(at(x, i % GRID, width), at(y, i / GRID, height));
-                if let Nearest::Met(hit) = scene.nearest(from, along, None) {
-                    sum += self.radiosity(&hit, from + along * hit.t)?;
+                if let Nearest::Met(hit) = cuts.scene().nearest(from, along, None) {
+                    sum += self.radiosity(cuts, &hit, from, from + along * hit.t)?;
                     met = true;
                 }
             }
@@ -278,8 +284,8 @@ impl<'s> Eye<'s> {
         Ok(row)
     }
 
-    /// What leaves a place towards the ray, W/m2.
-    fn radiosity(&mut self, hit: &Hit, point: DVec3) -> Result<Rgb> {
+    /// What leaves a place towards a ray from `from`, W/m2.
+    fn radiosity(&mut self, cuts: &Cuts<'_>, hit: &Hit, from: DVec3, point: DVec3) -> Result<Rgb> {
         let cluster = self.set.mapped(ClusterId(hit.key.cluster))?;
         let view = cluster.view();
         let at = hit.side();
@@ -287,15 +293,30 @@ impl<'s> Eye<'s> {
             return Ok(Rgb::BLACK);
         }
         let leaf = view.leaf_at(at, point);
-        Ok(self.side(&view, at).at(leaf.name, &leaf.shape, point))
+        let is_cut = cuts.is_cut(&leaf);
+        let ask = |corner: usize| !is_cut || cuts.joins(&leaf, point, near_corner(&leaf, corner));
+        if let Some(radiosity) = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, ask) {
+            return Ok(radiosity);
+        }
+        if let Some(answered) = answer(cuts, &view, at, from, point).element {
+            return Ok(view.source(answered.name).radiosity);
+        }
+        // Nothing stands for the place: it is taken to be like what lies round it, as rays do.
+        let near = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, |_| true);
+        Ok(near.unwrap_or(view.source(leaf.name).radiosity))
     }
 
-    fn side(&mut self, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
+    fn side(&mut self, cuts: &Cuts<'_>, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
         let key = (view.id.0, at.index());
         if !self.smooth.contains(&key) {
             let leaves = leaves::of_side(view, at);
-            let patch = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-            let side = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
+            let record = &view.geometry.patches[usize::from(at.patch)];
+            let stands_for = |name: NodeName, corner: usize| {
+                let leaf = Node::at(view.id, record, name);
+                !cuts.is_cut(&leaf) || cuts.shares_part(&leaf, near_corner(&leaf, corner))
+            };
+            let values = leaves.iter().map(|l| (l.name, l.radiosity));
+            let side = SmoothSide::new(quadtree::patch_polygon(record), values, stands_for);
             let bytes = leaves.len() * LEAF_BYTES;
             self.smooth.put(key, (side, bytes));
             self.bytes += bytes;
@@ -307,4 +328,10 @@ impl<'s> Eye<'s> {
         }
         &self.smooth.get(&key).expect("just put there").0
     }
+}
+
+/// A place of an element close to a corner: on the corner itself stand the walls along its edges.
+fn near_corner(element: &Node, corner: usize) -> DVec3 {
+    let (corner, centre) = (element.shape.corners()[corner], element.shape.centre());
+    corner + (centre - corner) * 0.02
 }
