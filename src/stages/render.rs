@@ -294,7 +294,7 @@ impl<'s> Eye<'s> {
         }
         let leaf = view.leaf_at(at, point);
         let is_cut = cuts.is_cut(&leaf);
-        let ask = |corner: usize| !is_cut || cuts.joins(&leaf, point, near_corner(&leaf, corner));
+        let ask = |corner: usize| !is_cut || reaches(cuts, &leaf, corner, |to| cuts.joins(&leaf, point, to));
         if let Some(radiosity) = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, ask) {
             return Ok(radiosity);
         }
@@ -313,7 +313,7 @@ impl<'s> Eye<'s> {
             let record = &view.geometry.patches[usize::from(at.patch)];
             let stands_for = |name: NodeName, corner: usize| {
                 let leaf = Node::at(view.id, record, name);
-                !cuts.is_cut(&leaf) || cuts.shares_part(&leaf, near_corner(&leaf, corner))
+                !cuts.is_cut(&leaf) || reaches(cuts, &leaf, corner, |to| cuts.shares_part(&leaf, to))
             };
             let values = leaves.iter().map(|l| (l.name, l.radiosity));
             let side = SmoothSide::new(quadtree::patch_polygon(record), values, stands_for);
@@ -328,6 +328,15 @@ impl<'s> Eye<'s> {
         }
         &self.smooth.get(&key).expect("just put there").0
     }
+}
+
+/// Whether a corner of an element on which something stands is reached from where `sees` looks: straight, or round what
+/// stands there by another corner.
+fn reaches(cuts: &Cuts<'_>, element: &Node, corner: usize, sees: impl Fn(DVec3) -> bool) -> bool {
+    let to = near_corner(element, corner);
+    let others = (0..element.shape.corners().len()).filter(|other| *other != corner);
+    sees(to)
+        || others.map(|other| near_corner(element, other)).any(|other| sees(other) && cuts.joins(element, other, to))
 }
 
 /// A place of an element close to a corner: on the corner itself stand the walls along its edges.
