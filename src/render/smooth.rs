@@ -27,8 +27,8 @@ impl SmoothSide {
         let mut corners: HashMap<GridPoint, (Rgb, f64)> = HashMap::new();
         for (leaf, value) in leaves {
             let (points, count) = element_corners(&patch, leaf.path());
-            for (_, point) in points[..count].iter().enumerate().filter(|(i, _)| stands_for(leaf, *i)) {
-                let at = corners.entry(*point).or_default();
+            for i in (0..count).filter(|i| stands_for(leaf, *i)) {
+                let at = corners.entry(points[i]).or_default();
                 at.0 += value;
                 at.1 += 1.0;
             }
