@@ -88,8 +88,7 @@ impl<'a> Cuts<'a> {
     /// Whether a straight line just above a node joins two of its places.
     #[must_use]
     pub fn joins(&self, node: &Node, from: DVec3, to: DVec3) -> bool {
-        let lifts = heights(&self.scene, self.min_element_m).map(|h| node.normal * h);
-        lifts.iter().all(|lift| !self.scene.blocked_between(from + *lift, to + *lift))
+        Region { anchor: to, lifts: lifts(&self.scene, node, self.min_element_m) }.holds(&self.scene, from)
     }
 
     /// A point just above a place, where it is clear of what lies in the same plane.
@@ -122,6 +121,11 @@ fn clear_m(scene: &RayScene<'_>) -> f64 {
 fn heights(scene: &RayScene<'_>, min_element_m: f64) -> [f64; 2] {
     let low = clear_m(scene);
     [low, low.max((GAP_SHARE * min_element_m).min(HIGHEST_GAP_M))]
+}
+
+/// The same as steps off a node.
+fn lifts(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> [DVec3; 2] {
+    heights(scene, min_element_m).map(|height| node.normal * height)
 }
 
 /// Places that a patch's largest part is looked for with.
@@ -169,7 +173,7 @@ const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
 
 impl Region {
     fn round(scene: &RayScene<'_>, node: &Node, anchor: u8, min_element_m: f64) -> Self {
-        Self { anchor: place(node, anchor), lifts: heights(scene, min_element_m).map(|h| node.normal * h) }
+        Self { anchor: place(node, anchor), lifts: lifts(scene, node, min_element_m) }
     }
 
     /// Whether a point of the element lies in the part.

@@ -16,9 +16,10 @@ const NEAR_ELEMENTS: f64 = 2.0;
 /// Share of what is seen that is close in a gap.
 const GAP_SHARE: f64 = 0.85;
 
-/// Whether a place of which `near` of so many rays met something close lies in a gap.
-pub(super) fn is_gap(near: u64, rays: u64) -> bool {
-    near as f64 > GAP_SHARE * rays as f64
+/// Whether a place whose `count` rays `met` this lies in a gap.
+pub(super) fn is_gap(met: &[Met], count: u64, min_element_m: f64) -> bool {
+    let near = met.iter().filter(|found| found.is_near(min_element_m)).count();
+    near as f64 > GAP_SHARE * count as f64
 }
 
 /// Rays that tell whether a place that a path met lies in a gap.
@@ -39,14 +40,14 @@ pub(super) struct Met {
 impl Met {
     /// Whether the place is too close for elements to tell how its light changes; none is larger than twice
     /// `min_element_m` there unless its light hardly changes.
-    pub(super) fn is_near(&self, min_element_m: f64) -> bool {
+    fn is_near(&self, min_element_m: f64) -> bool {
         let size_m = self.answer.element.map_or(min_element_m, |e| e.shape.longest_edge().min(min_element_m));
         self.distance_m < NEAR_ELEMENTS * size_m
     }
 }
 
 /// What a ray from an element meets; `None` where nothing takes part.
-pub(super) fn meet(
+fn meet(
     cuts: &Cuts<'_>,
     clusters: &dyn Clusters,
     from: DVec3,
@@ -64,6 +65,26 @@ pub(super) fn meet(
         to,
         distance_m: hit.t,
     }))
+}
+
+/// What `count` cosine-weighted rays from a place of an element meet, and the sequence that they follow. Counts them in
+/// `rays`.
+pub(super) fn cast(
+    cuts: &Cuts<'_>,
+    clusters: &dyn Clusters,
+    from: DVec3,
+    element: &Node,
+    count: u64,
+    rays: &mut u64,
+) -> Result<(Vec<Met>, Sequence)> {
+    let sequence = Sequence::new(mix(mix_point(from)));
+    let mut met = Vec::new();
+    for index in 0..count {
+        let [_, _, c, d] = sequence.point(index);
+        *rays += 1;
+        met.extend(meet(cuts, clusters, from, cosine_direction(element.normal, c, d), element)?);
+    }
+    Ok((met, sequence))
 }
 
 /// A gap in which paths from a point begin.
@@ -105,15 +126,8 @@ impl Gap<'_, '_> {
         if met.is_near(self.min_element_m) {
             return Ok(true);
         }
-        let sequence = Sequence::new(mix(mix_point(met.to)));
-        let mut near = 0;
-        for probe in 0..PROBES {
-            let [_, _, c, d] = sequence.point(probe);
-            *rays += 1;
-            let found = meet(self.cuts, self.clusters, met.to, cosine_direction(leaf.normal, c, d), leaf)?;
-            near += u64::from(found.is_some_and(|found| found.is_near(self.min_element_m)));
-        }
-        Ok(is_gap(near, PROBES))
+        let (probed, _) = cast(self.cuts, self.clusters, met.to, leaf, PROBES, rays)?;
+        Ok(is_gap(&probed, PROBES, self.min_element_m))
     }
 }
 

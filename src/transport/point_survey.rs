@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 
-use super::gap::{Gap, Met, is_gap, meet};
+use super::gap::{Gap, Met, cast, is_gap};
 use super::gather_point::{Gathered, Place, Seen};
 use super::lamp_list::is_close_lamp;
 use super::met::weights;
 use super::source::Clusters;
 use super::survey_row::counted_error;
 use crate::base::{NodeName, Result, Rgb};
-use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
+use crate::geom::sequence::Sequence;
 use crate::rays::region::Cuts;
 
 /// What a point's own rays meet.
@@ -62,19 +62,8 @@ const SURVEY_RAYS: u64 = 1024;
 
 /// Casts a point's own rays. Counts them.
 pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays: &mut u64) -> Result<Survey> {
-    let p = place.point;
-    let sequence = Sequence::new(mix(mix_point(p)));
-    let (mut met, mut near) = (Vec::new(), 0);
-    for index in 0..SURVEY_RAYS {
-        let [_, _, c, d] = sequence.point(index);
-        let direction = cosine_direction(place.leaf.normal, c, d);
-        *rays += 1;
-        if let Some(found) = meet(cuts, clusters, p, direction, place.leaf)? {
-            near += u64::from(found.is_near(place.min_element_m));
-            met.push(found);
-        }
-    }
-    Ok(Survey { met, is_gap: is_gap(near, SURVEY_RAYS), sequence })
+    let (met, sequence) = cast(cuts, clusters, place.point, place.leaf, SURVEY_RAYS, rays)?;
+    Ok(Survey { is_gap: is_gap(&met, SURVEY_RAYS, place.min_element_m), met, sequence })
 }
 
 /// Adds what arrives from all sides that are not in `linked` (ascending); in a gap by paths that are followed until
