@@ -91,6 +91,14 @@ impl<'a> Cuts<'a> {
         Region { anchor: to, lifts: lifts(&self.scene, node, self.min_element_m) }.holds(&self.scene, from)
     }
 
+    /// The first of a node's places that a straight line just above it joins with a point of it, and its number.
+    #[must_use]
+    pub fn place_beside(&self, node: &Node, point: DVec3) -> Option<(u8, DVec3)> {
+        (0..PLACES_BESIDE)
+            .map(|number| (number, place(node, number)))
+            .find(|(_, place)| self.joins(node, *place, point))
+    }
+
     /// A point just above a place, where it is clear of what lies in the same plane.
     #[must_use]
     pub fn above(&self, place: DVec3, normal: DVec3) -> DVec3 {
@@ -130,6 +138,9 @@ fn lifts(scene: &RayScene<'_>, node: &Node, min_element_m: f64) -> [DVec3; 2] {
 
 /// Places that a patch's largest part is looked for with.
 const PLACES: u8 = 8;
+
+/// Places that the part round a point is looked for with.
+const PLACES_BESIDE: u8 = 64;
 
 /// The place that stands for an element that is cut: the first, and of a patch that has no other elements the first
 /// from which most others are seen. `None` if nothing cuts it.

@@ -70,7 +70,7 @@ impl SideMesh {
         let leaves = of_side(view, at);
         let first = leaves.first()?;
         let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-        let smooth = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)), |_, _| true);
+        let smooth = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
         let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();
         let mut mesh = Self {
             vertices: Vec::new(),

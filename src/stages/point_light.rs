@@ -35,9 +35,6 @@ struct Rows {
 /// Share of what arrives that a source's unresolved light may make up at a point.
 pub const SOURCE_SHARE: f64 = 0.02;
 
-/// Bytes of links that are held, of one cluster at least: points come in runs.
-const HELD_BYTES: usize = 32 << 20;
-
 /// Gathers at points of surfaces.
 pub struct PointLight<'a, 's> {
     set: &'a WorkingSet<'s>,
@@ -48,15 +45,22 @@ pub struct PointLight<'a, 's> {
     min_element_m: f64,
     held: LruCache<u32, Rc<Rows>>,
     held_bytes: usize,
+    limit_bytes: usize,
     /// Rays cast so far.
     pub rays: u64,
 }
 
 impl<'a, 's> PointLight<'a, 's> {
     /// Over a version solved with elements no smaller than `min_element_m`; light below `allowed_w_m2`
-    /// does not matter.
+    /// does not matter. Holds `limit_bytes` of links, or those of one cluster: points come in runs.
     #[must_use]
-    pub fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, allowed_w_m2: f64, min_element_m: f64) -> Self {
+    pub fn new(
+        set: &'a WorkingSet<'s>,
+        scene: RayScene<'a>,
+        allowed_w_m2: f64,
+        min_element_m: f64,
+        limit_bytes: usize,
+    ) -> Self {
         let cuts = Cuts::new(scene, min_element_m);
         Self {
             set,
@@ -66,6 +70,7 @@ impl<'a, 's> PointLight<'a, 's> {
             min_element_m,
             held: LruCache::unbounded(),
             held_bytes: 0,
+            limit_bytes,
             rays: 0,
         }
     }
@@ -155,7 +160,7 @@ impl<'a, 's> PointLight<'a, 's> {
         let chain = LinkStore::chain(self.set, id, None)?;
         let views = chain.views()?;
         let bytes = views.iter().map(|v| v.packed.len()).sum::<usize>() * size_of::<Link>();
-        while self.held_bytes + bytes > HELD_BYTES {
+        while self.held_bytes + bytes > self.limit_bytes {
             let Some((_, dropped)) = self.held.pop_lru() else { break };
             self.held_bytes -= dropped.bytes;
         }

@@ -1,5 +1,6 @@
 //! `render`: the solution seen from a camera, smoothly interpolated, as PNG or Radiance HDR.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -11,6 +12,7 @@ use serde::Serialize;
 use super::entry;
 use super::leaves;
 use super::output::{self, Output};
+use super::point_light::{PointLight, SOURCE_SHARE};
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
@@ -19,6 +21,7 @@ use crate::geom::bounds::Bounds;
 use crate::geom::quadtree;
 use crate::model::rays::TopRaysView;
 use crate::rays::RayScene;
+use crate::rays::locate::Place;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 use crate::rays::traverse::{Hit, Nearest};
@@ -34,7 +37,9 @@ const GRID: u32 = 2;
 /// Bytes that a pixel takes until the picture is written.
 const PIXEL_BYTES: u64 = 40;
 /// Bytes that a leaf takes in the cache of smooth sides.
-const LEAF_BYTES: usize = 96;
+const LEAF_BYTES: usize = 160;
+/// Parts of leaves that are remembered.
+const ASKED: NonZeroUsize = NonZeroUsize::new(1 << 16).expect("not zero");
 
 /// What to draw.
 #[derive(Clone, Debug)]
@@ -212,12 +217,13 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
             scope.spawn(|| {
                 let work = || -> Result<()> {
                     let store = Store::open(&dir, wait)?;
-                    let mut eye = Eye::open(&store, version, options)?;
+                    let set = WorkingSet::open(&store, version)?;
                     let min_element_m = tolerances::min_element_m(&store, version, facts)?;
                     let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(&dir, "no ray structure"))?;
                     let view = top.parse(TopRaysView::parse)?;
                     let scene = RayScene::new(view, &file, facts.snap_m).map_err(|e| top.damage(e))?;
                     let cuts = Cuts::new(scene, min_element_m);
+                    let mut eye = Eye::new(&set, &cuts, facts, options);
                     loop {
                         let y = next.fetch_add(1, Ordering::Relaxed);
                         if y >= height {
@@ -245,22 +251,28 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
 }
 
 /// Looks up the light where rays meet the model.
-struct Eye<'s> {
-    set: WorkingSet<'s>,
+struct Eye<'a, 's> {
+    set: &'a WorkingSet<'s>,
+    points: PointLight<'a, 's>,
+    /// What leaves parts of leaves for which nothing stands, by number of a place there.
+    asked: LruCache<(NodeName, u8), Rgb>,
     smooth: LruCache<(u32, usize), (SmoothSide, usize)>,
     bytes: usize,
     limit_bytes: usize,
 }
 
-impl<'s> Eye<'s> {
-    fn open(store: &'s Store, version: u64, options: &Options) -> Result<Self> {
-        let share = options.memory_bytes / 4 / options.threads.max(1) as u64;
-        Ok(Self {
-            set: WorkingSet::open(store, version)?,
+impl<'a, 's> Eye<'a, 's> {
+    fn new(set: &'a WorkingSet<'s>, cuts: &Cuts<'a>, facts: &ModelFacts, options: &Options) -> Self {
+        let share = (options.memory_bytes / 8 / options.threads.max(1) as u64) as usize;
+        let allowed_w_m2 = SOURCE_SHARE * tolerances::typical_irradiance(facts);
+        Self {
+            set,
+            points: PointLight::new(set, *cuts.scene(), allowed_w_m2, cuts.min_element_m(), share),
+            asked: LruCache::new(ASKED),
             smooth: LruCache::unbounded(),
             bytes: 0,
-            limit_bytes: share as usize,
-        })
+            limit_bytes: share,
+        }
     }
 
     fn row(&mut self, cuts: &Cuts<'_>, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
@@ -294,16 +306,31 @@ impl<'s> Eye<'s> {
         }
         let leaf = view.leaf_at(at, point);
         let is_cut = cuts.is_cut(&leaf);
-        let ask = |corner: usize| !is_cut || reaches(cuts, &leaf, corner, |to| cuts.joins(&leaf, point, to));
-        if let Some(radiosity) = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, ask) {
+        let ask = |corner: usize, place: DVec3| {
+            (!is_cut || reaches(cuts, &leaf, corner, |to| cuts.joins(&leaf, point, to)))
+                && cuts.joins(&leaf, near_corner(&leaf, corner), place)
+        };
+        if let Some(radiosity) = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, !is_cut, ask) {
             return Ok(radiosity);
         }
-        if let Some(answered) = answer(cuts, &view, at, from, point).element {
-            return Ok(view.source(answered.name).radiosity);
+        let beside = answer(cuts, &view, at, from, point).element;
+        if let Some(beside) = beside.filter(|beside| cuts.shares_part(beside, point)) {
+            return Ok(view.source(beside.name).radiosity);
         }
-        // Nothing stands for the place: it is taken to be like what lies round it, as rays do.
-        let near = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, |_| true);
-        Ok(near.unwrap_or(view.source(leaf.name).radiosity))
+        // Nothing near by stands for the place: it asks rays of its own, once for all of its part of the leaf.
+        let part = cuts.place_beside(&leaf, point);
+        let key = part.map(|(number, _)| (leaf.name, number));
+        if let Some(known) = key.and_then(|key| self.asked.get(&key)) {
+            return Ok(*known);
+        }
+        let irradiance =
+            self.points.irradiance(Place { key: hit.key, side: at.side }, part.map_or(point, |(_, p)| p))?;
+        let material = &view.materials[at.index()];
+        let radiosity = Rgb::from_f32(material.exitance) + Rgb::from_f32(material.rho).times(irradiance);
+        if let Some(key) = key {
+            self.asked.put(key, radiosity);
+        }
+        Ok(radiosity)
     }
 
     fn side(&mut self, cuts: &Cuts<'_>, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
@@ -311,12 +338,15 @@ impl<'s> Eye<'s> {
         if !self.smooth.contains(&key) {
             let leaves = leaves::of_side(view, at);
             let record = &view.geometry.patches[usize::from(at.patch)];
-            let stands_for = |name: NodeName, corner: usize| {
+            let side = Node::root(view.id, record, at);
+            let place = |name: NodeName, corner: usize| {
                 let leaf = Node::at(view.id, record, name);
-                !cuts.is_cut(&leaf) || reaches(cuts, &leaf, corner, |to| cuts.shares_part(&leaf, to))
+                (!cuts.is_cut(&leaf) || reaches(cuts, &leaf, corner, |to| cuts.shares_part(&leaf, to)))
+                    .then(|| near_corner(&leaf, corner))
             };
             let values = leaves.iter().map(|l| (l.name, l.radiosity));
-            let side = SmoothSide::new(quadtree::patch_polygon(record), values, stands_for);
+            let joins = |a, b| cuts.joins(&side, a, b);
+            let side = SmoothSide::among_walls(quadtree::patch_polygon(record), values, place, joins);
             let bytes = leaves.len() * LEAF_BYTES;
             self.smooth.put(key, (side, bytes));
             self.bytes += bytes;

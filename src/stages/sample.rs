@@ -34,6 +34,9 @@ pub struct Summary {
     pub unanswered: u64,
 }
 
+/// Bytes of links that are held.
+const HELD_BYTES: usize = 32 << 20;
+
 /// Header of the result.
 pub const HEADER: &str = "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
 
@@ -53,7 +56,7 @@ pub fn execute(
     let snap_m = options.snap_m.unwrap_or(1e-5 * facts.diagonal_m());
     let min_element_m = tolerances::min_element_m(store, version, &facts)?;
     let allowed_w_m2 = SOURCE_SHARE * tolerances::typical_irradiance(&facts);
-    let mut light = PointLight::new(&set, scene, allowed_w_m2, min_element_m);
+    let mut light = PointLight::new(&set, scene, allowed_w_m2, min_element_m, HELD_BYTES);
     let mut summary = Summary::default();
     let io = |e: std::io::Error| Error::failed(format!("points could not be written: {e}"), "check the output file");
     writeln!(out, "{HEADER}").map_err(io)?;

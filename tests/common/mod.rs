@@ -12,11 +12,26 @@ use clerestory::model::ExtentKind;
 use clerestory::stages::check;
 use clerestory::store::{Snapshot, Store};
 
+/// Adds a box from its low to its high corner, m, with front sides inwards or outwards, as an object of OBJ.
+pub fn write_box(obj: &mut String, name: &str, material: &str, (low, high): ([f64; 3], [f64; 3]), inwards: bool) {
+    writeln!(obj, "o {name}\nusemtl {material}").expect("a string takes all");
+    for i in 0..8u32 {
+        let at = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        writeln!(obj, "v {} {} {}", at(0), at(1), at(2)).expect("a string takes all");
+    }
+    for mut face in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
+        if !inwards {
+            face.reverse();
+        }
+        let [a, b, c, d] = face.map(|corner: i32| corner - 8);
+        writeln!(obj, "f {a} {b} {c} {d}").expect("a string takes all");
+    }
+}
+
 /// Writes `count` sealed rooms in a row, each 4 x 3 x 2.5 m, front sides inwards, with a lamp below the
 /// ceiling and a table, as an OBJ with its MTL.
 pub fn write_rooms(model: &Path, count: u32) {
     let mut obj = String::from("mtllib rooms.mtl\n");
-    let mut corners = 0;
     for room in 0..count {
         let x = f64::from(room) * 5.0;
         let (walls, lamp, table) = (
@@ -27,19 +42,7 @@ pub fn write_rooms(model: &Path, count: u32) {
         for (name, material, (low, high), inwards) in
             [("walls", "wall", walls, true), ("lamp", "light", lamp, false), ("table", "wood", table, false)]
         {
-            writeln!(obj, "o {name}{room}\nusemtl {material}").expect("a string takes all");
-            for i in 0..8u32 {
-                let at = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-                writeln!(obj, "v {} {} {}", at(0), at(1), at(2)).expect("a string takes all");
-            }
-            for mut face in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
-                if !inwards {
-                    face.reverse();
-                }
-                let [a, b, c, d] = face.map(|corner: u32| corner + corners + 1);
-                writeln!(obj, "f {a} {b} {c} {d}").expect("a string takes all");
-            }
-            corners += 8;
+            write_box(&mut obj, &format!("{name}{room}"), material, (low, high), inwards);
         }
     }
     let mtl = "newmtl wall\nKd 0.7 0.7 0.6\nnewmtl wood\nKd 0.4 0.3 0.2\nnewmtl light\nKd 0 0 0\nKe 10 10 9\n";
