@@ -7,12 +7,13 @@ use glam::DVec3;
 use lru::LruCache;
 
 use super::group_links::LinkStore;
+use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::model::links::{LeafClosure, Visibility};
-use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::region::Cuts;
+use crate::store::ModelFacts;
 use crate::transport::bundle::{Bundle, SideCache};
 use crate::transport::gather_lamps;
 use crate::transport::gather_point::{self, Gathered};
@@ -33,16 +34,15 @@ struct Rows {
 }
 
 /// Share of what arrives that a source's unresolved light may make up at a point.
-pub const SOURCE_SHARE: f64 = 0.02;
+const SOURCE_SHARE: f64 = 0.02;
 
 /// Gathers at points of surfaces.
 pub struct PointLight<'a, 's> {
     set: &'a WorkingSet<'s>,
-    cuts: Cuts<'a>,
+    cuts: &'a Cuts<'a>,
     sides: SideCache,
     /// Error of a source's light that does not matter, W/m2.
     allowed_w_m2: f64,
-    min_element_m: f64,
     held: LruCache<u32, Rc<Rows>>,
     held_bytes: usize,
     limit_bytes: usize,
@@ -51,23 +51,15 @@ pub struct PointLight<'a, 's> {
 }
 
 impl<'a, 's> PointLight<'a, 's> {
-    /// Over a version solved with elements no smaller than `min_element_m`; light below `allowed_w_m2`
-    /// does not matter. Holds `limit_bytes` of links, or those of one cluster: points come in runs.
+    /// Over a version solved with elements as small as `cuts` has them, of a model with these `facts`. Holds
+    /// `limit_bytes` of links, or those of one cluster: points come in runs.
     #[must_use]
-    pub fn new(
-        set: &'a WorkingSet<'s>,
-        scene: RayScene<'a>,
-        allowed_w_m2: f64,
-        min_element_m: f64,
-        limit_bytes: usize,
-    ) -> Self {
-        let cuts = Cuts::new(scene, min_element_m);
+    pub fn new(set: &'a WorkingSet<'s>, cuts: &'a Cuts<'a>, facts: &ModelFacts, limit_bytes: usize) -> Self {
         Self {
             set,
             cuts,
             sides: SideCache::default(),
-            allowed_w_m2,
-            min_element_m,
+            allowed_w_m2: SOURCE_SHARE * tolerances::typical_irradiance(facts),
             held: LruCache::unbounded(),
             held_bytes: 0,
             limit_bytes,
@@ -95,10 +87,10 @@ impl<'a, 's> PointLight<'a, 's> {
             leaf: &leaf,
             typical_w_m2,
             relative: SOURCE_SHARE,
-            min_element_m: self.min_element_m,
+            min_element_m: self.cuts.min_element_m(),
         };
         let mut gathered = Gathered::default();
-        let survey = point_survey::survey(&self.cuts, self.set, &place, &mut self.rays)?;
+        let survey = point_survey::survey(self.cuts, self.set, &place, &mut self.rays)?;
         let (mut linked, mut is_surveyed) = (Vec::new(), survey.is_gap);
         let mut above = Some(leaf.name);
         while let Some(name) = above {
@@ -122,7 +114,7 @@ impl<'a, 's> PointLight<'a, 's> {
                     for side in sides {
                         linked.push(side.whole_side());
                         gather_point::add_link(
-                            &self.cuts,
+                            self.cuts,
                             &place,
                             &source.view(),
                             &Link { source: side, ..*link },
@@ -146,7 +138,7 @@ impl<'a, 's> PointLight<'a, 's> {
             linked.sort_unstable();
             linked.dedup();
             let (rays, before) = (&mut self.rays, gathered);
-            point_survey::add_survey(&self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
+            point_survey::add_survey(self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
             return Ok(gather_point::finish_surveyed(&before, &gathered, survey.met_share()));
         }
         let is_full = closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::entry;
 use super::leaves;
 use super::output::{self, Output};
-use super::point_light::{PointLight, SOURCE_SHARE};
+use super::point_light::PointLight;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
@@ -262,12 +262,11 @@ struct Eye<'a, 's> {
 }
 
 impl<'a, 's> Eye<'a, 's> {
-    fn new(set: &'a WorkingSet<'s>, cuts: &Cuts<'a>, facts: &ModelFacts, options: &Options) -> Self {
+    fn new(set: &'a WorkingSet<'s>, cuts: &'a Cuts<'a>, facts: &ModelFacts, options: &Options) -> Self {
         let share = (options.memory_bytes / 8 / options.threads.max(1) as u64) as usize;
-        let allowed_w_m2 = SOURCE_SHARE * tolerances::typical_irradiance(facts);
         Self {
             set,
-            points: PointLight::new(set, *cuts.scene(), allowed_w_m2, cuts.min_element_m(), share),
+            points: PointLight::new(set, cuts, facts, share),
             asked: LruCache::new(ASKED),
             smooth: LruCache::unbounded(),
             bytes: 0,
@@ -338,14 +337,14 @@ impl<'a, 's> Eye<'a, 's> {
         if !self.smooth.contains(&key) {
             let leaves = leaves::of_side(view, at);
             let record = &view.geometry.patches[usize::from(at.patch)];
-            let side = Node::root(view.id, record, at);
+            let root = Node::root(view.id, record, at);
             let place = |name: NodeName, corner: usize| {
                 let leaf = Node::at(view.id, record, name);
                 (!cuts.is_cut(&leaf) || reaches(cuts, &leaf, corner, |to| cuts.shares_part(&leaf, to)))
                     .then(|| near_corner(&leaf, corner))
             };
             let values = leaves.iter().map(|l| (l.name, l.radiosity));
-            let joins = |a, b| cuts.joins(&side, a, b);
+            let joins = |a, b| cuts.joins(&root, a, b);
             let side = SmoothSide::among_walls(quadtree::patch_polygon(record), values, place, joins);
             let bytes = leaves.len() * LEAF_BYTES;
             self.smooth.put(key, (side, bytes));

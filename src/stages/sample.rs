@@ -5,13 +5,14 @@ use std::io::Write;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::point_light::{PointLight, SOURCE_SHARE};
+use super::point_light::PointLight;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{Error, Progress, Result, Rgb, lux};
 use crate::formats::points::SensorPoint;
 use crate::model::rays::TopRaysView;
 use crate::rays::RayScene;
+use crate::rays::region::Cuts;
 use crate::store::Store;
 
 /// How to sample.
@@ -55,8 +56,8 @@ pub fn execute(
     let scene = RayScene::new(top.parse(TopRaysView::parse)?, &file, facts.snap_m).map_err(|e| top.damage(e))?;
     let snap_m = options.snap_m.unwrap_or(1e-5 * facts.diagonal_m());
     let min_element_m = tolerances::min_element_m(store, version, &facts)?;
-    let allowed_w_m2 = SOURCE_SHARE * tolerances::typical_irradiance(&facts);
-    let mut light = PointLight::new(&set, scene, allowed_w_m2, min_element_m, HELD_BYTES);
+    let cuts = Cuts::new(scene, min_element_m);
+    let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);
     let mut summary = Summary::default();
     let io = |e: std::io::Error| Error::failed(format!("points could not be written: {e}"), "check the output file");
     writeln!(out, "{HEADER}").map_err(io)?;
