@@ -35,8 +35,14 @@ pub struct Iteration {
 }
 
 impl Store {
+    /// Whether a version's light is that of the materials of the last ingest.
+    pub fn has_ingested_materials(&self, version: u64) -> Result<bool> {
+        has_ingested_materials(self.connection(), version)
+    }
+
     /// Joins the iteration under way, opening branch and tasks where there are none yet. `from`: go
-    /// on from that version rather than from the newest.
+    /// on from that version rather than from the newest. Updates of other branches that wait to be merged
+    /// are dropped.
     pub fn open_iteration(&self, from: Option<u64>, settings: &SolveSettings) -> Result<Iteration> {
         let partition = self.require_stage(Stage::Partition)?.chain_hash();
         self.write(|tx| {
@@ -44,6 +50,7 @@ impl Store {
                 Some(version) => branch_from(self, tx, version, settings)?,
                 None => newest_branch(tx, settings)?,
             };
+            drop_updates_of_others(tx, branch)?;
             let newest = newest_of(tx, branch)?;
             if newest.converged && newest.branch == branch {
                 return Ok(Iteration { branch, number: newest.iteration, newest: newest.id, converged: true });
@@ -60,6 +67,21 @@ impl Store {
             Ok(Iteration { branch, number, newest: newest.id, converged: false })
         })
     }
+}
+
+/// Work on one branch at a time: what others have solved and not merged is dropped, leases on them are void.
+/// Otherwise what an interrupted run leaves behind would stand in the way of every run with other options.
+fn drop_updates_of_others(tx: &Transaction<'_>, branch: u64) -> Result<()> {
+    const OTHERS: &str = "branch <> ?1 AND state IN ('done', 'running')";
+    tx.execute(&format!("DELETE FROM updates WHERE task IN (SELECT id FROM tasks WHERE {OTHERS})"), [branch])?;
+    tx.execute(
+        &format!(
+            "UPDATE tasks SET state = 'free', worker = NULL, worker_pid = NULL, segment = NULL, report = NULL
+             WHERE {OTHERS}"
+        ),
+        [branch],
+    )?;
+    Ok(())
 }
 
 /// Newest version of a branch, or the one that it starts from.
@@ -98,16 +120,48 @@ fn open_tasks(
     Ok(number)
 }
 
+/// The newest branch if it has these settings and the materials of the last ingest; else a new one from the
+/// newest version that has those materials.
 fn newest_branch(tx: &Transaction<'_>, settings: &SolveSettings) -> Result<u64> {
     let (branch, hash): (u64, Option<String>) =
         tx.query_row("SELECT id, options_hash FROM branches ORDER BY id DESC LIMIT 1", [], |r| {
             Ok((r.get(0)?, r.get(1)?))
         })?;
+    let newest = newest_of(tx, branch)?.id;
+    if !has_ingested_materials(tx, newest)? {
+        return open_branch(tx, newest_with_ingested_materials(tx)?, settings);
+    }
     match hash {
         None => adopt(tx, branch, settings).map(|()| branch),
         Some(hash) if hash == settings.options_hash => Ok(branch),
-        Some(_) => open_branch(tx, newest_of(tx, branch)?.id, settings),
+        Some(_) => open_branch(tx, newest, settings),
     }
+}
+
+/// Whether a version's light is that of the materials of the last ingest, rather than of earlier ones.
+/// Every change of materials writes a row of every cluster: one cluster tells.
+pub(super) fn has_ingested_materials(tx: &Connection, version: u64) -> Result<bool> {
+    let mut query = tx.prepare_cached(
+        "WITH RECURSIVE chain (id) AS (
+            SELECT ?1 UNION ALL
+            SELECT v.parent FROM chain c JOIN solution_versions v ON v.id = c.id WHERE v.parent IS NOT NULL)
+         SELECT max(m.version) IS max(m.version) FILTER (WHERE m.version IN (SELECT id FROM chain))
+         FROM cluster_materials m WHERE m.cluster = (SELECT min(id) FROM clusters)",
+    )?;
+    Ok(query.query_row([version], |r| r.get(0))?)
+}
+
+fn newest_with_ingested_materials(tx: &Connection) -> Result<u64> {
+    let mut query = tx.prepare("SELECT id FROM solution_versions WHERE is_kept = 1 ORDER BY id DESC")?;
+    let mut rows = query.query([])?;
+    while let Some(row) = rows.next()? {
+        let version = row.get(0)?;
+        if has_ingested_materials(tx, version)? {
+            return Ok(version);
+        }
+    }
+    let catalogue = std::path::Path::new(super::sql::CATALOGUE);
+    Err(Error::damaged(catalogue, "no version has the materials of the last ingest"))
 }
 
 fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &SolveSettings) -> Result<u64> {
