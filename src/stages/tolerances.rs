@@ -8,11 +8,12 @@ use crate::transport::oracle::Tolerances;
 
 /// What a model's light comes to on average where there is any, W/m2 (norm over RGB): emitted power
 /// over absorbing area, each patch counted once, since one side of most walls faces a dark void. Known
-/// before anything is solved, so that tolerances depend on the model alone.
+/// before anything is solved, so that tolerances depend on the model alone. Any number does where nothing emits.
 #[must_use]
 pub fn typical_irradiance(facts: &ModelFacts) -> f64 {
     let absorbing_m2 = facts.area_m2 * (1.0 - facts.mean_reflectance).max(0.01);
-    Rgb(facts.emitted_w).norm_squared().sqrt() / absorbing_m2.max(f64::MIN_POSITIVE)
+    let emitted_w = Rgb(facts.emitted_w).norm_squared().sqrt();
+    if emitted_w > 0.0 { emitted_w / absorbing_m2.max(f64::MIN_POSITIVE) } else { 1.0 }
 }
 
 /// Share of the tolerance that a row's links may use up; the rest is for what does not average out.
@@ -37,11 +38,8 @@ pub fn min_element_m(store: &Store, version: u64, facts: &ModelFacts) -> Result<
     Ok(options["min_element_m"].as_f64().unwrap_or_else(of_tolerance))
 }
 
-/// Widest that a typical patch is taken to be, m: light changes over a room's height, however long its floor is.
-const WIDEST_M: f64 = 10.0;
-
 /// `--min-element` where none is given, m.
 #[must_use]
 pub fn default_min_element_m(facts: &ModelFacts, tolerance: f64) -> f64 {
-    2.0 * tolerance * facts.mean_patch_area_m2.sqrt().min(WIDEST_M)
+    2.0 * tolerance * facts.mean_patch_area_m2.sqrt()
 }

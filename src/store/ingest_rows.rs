@@ -158,11 +158,12 @@ pub struct MaterialsRow {
 
 impl Store {
     /// Opens a branch whose first version is emission only again, with other materials: `rows` must
-    /// give every cluster. Geometry and links stay. Returns the version.
+    /// give every cluster. Geometry stays, and the links of `base` (version 0 has none). Returns the version.
     pub fn replace_materials(
         &self,
         facts: &ModelFacts,
         record: &StageRecord,
+        base: u64,
         writers: &mut [SegmentWriter],
         rows: &mut dyn Iterator<Item = Result<MaterialsRow>>,
     ) -> Result<u64> {
@@ -170,18 +171,17 @@ impl Store {
             writer.sync()?;
         }
         self.write(|tx| {
-            let parent: u64 = tx.query_row("SELECT max(id) FROM solution_versions", [], |r| r.get(0))?;
+            let version: u64 = tx.query_row("SELECT max(id) + 1 FROM solution_versions", [], |r| r.get(0))?;
             let branch: u64 = tx.query_row("SELECT max(id) + 1 FROM branches", [], |r| r.get(0))?;
-            let version = parent + 1;
             tx.execute(
                 "INSERT INTO branches (id, base_version, cause, opened_at)
                  VALUES (?1, ?2, 'materials', unixepoch('subsec'))",
-                [branch, parent],
+                [branch, base],
             )?;
             tx.execute(
                 "INSERT INTO solution_versions (id, parent, branch, iteration, is_iteration_end, clusters_changed, made_at)
                  VALUES (?1, ?2, ?3, 0, 1, ?4, unixepoch('subsec'))",
-                [version, parent, branch, facts.clusters],
+                [version, base, branch, facts.clusters],
             )?;
             let mut emitters = tx.prepare("UPDATE clusters SET emitters = ?2 WHERE id = ?1")?;
             let mut materials = tx.prepare("INSERT INTO cluster_materials VALUES (?1, ?2, ?3, ?4, ?5)")?;

@@ -34,7 +34,7 @@ pub struct ModelFacts {
     pub input_polygons: u64,
     /// Area, each patch once, m2.
     pub area_m2: f64,
-    /// Area-weighted mean of the patches' areas, m2.
+    /// Square of a typical patch's width, m2.
     pub mean_patch_area_m2: f64,
     /// Power emitted, W.
     pub emitted_w: [f64; 3],

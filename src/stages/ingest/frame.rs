@@ -1,12 +1,22 @@
-//! Where the model lies: its bounds, the store's origin, the vertical.
+//! Where the model lies: its bounds and the store's origin, from the faces that count.
+
+use std::path::PathBuf;
 
 use glam::DVec3;
 
-use super::piece::{FaceCorner, NONE};
+use super::materials::Material;
+use super::piece::{FaceCorner, NONE, Source};
+use super::pieces::is_needle;
 use super::read::{Face, Spilled};
+use super::vertical::Vertical;
+use super::whereabouts::{Sample, Whereabouts};
 use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
-use crate::geom::split::area_vector;
+
+/// Snap length as a share of the bounding diagonal.
+const SNAP: f64 = 1e-5;
+/// Longest that it is by itself, m, however large the model.
+const MOST_SNAP_M: f64 = 1e-3;
 
 /// Vertices farther from zero than this, m, are as good as infinite: f64 itself rounds them to a tenth of a micrometre.
 const FARTHEST_M: f64 = 1e9;
@@ -44,53 +54,53 @@ fn is_usable(position: DVec3, metres_per_unit: f64) -> bool {
     position.is_finite() && position.abs().max_element() * metres_per_unit <= FARTHEST_M
 }
 
-/// What the faces' vertices say of the whole model.
-#[derive(Clone, Copy, Debug)]
+/// What the faces that count say of the whole model: those with an area, and not far off.
 pub struct Survey {
-    /// Box round every vertex that a face uses, model units.
+    /// Box round them, model units.
     pub bounds: Bounds,
-    /// Area that faces along y and along z, squared model units.
-    area_along: [f64; 2],
+    /// What tells the vertical.
+    pub vertical: Vertical,
+    /// Where the model is; `None` if it has no faces.
+    pub whereabouts: Option<Whereabouts>,
+    /// How many faces lie far off, with the first of them and its distance, model units.
+    far: Option<(u64, Source, f64)>,
 }
 
 impl Survey {
     /// Looks at every face whose corners are there and usable.
-    pub fn of(spilled: &mut Spilled, metres_per_unit: f64, progress: &dyn Progress) -> Result<Self> {
+    pub fn of(
+        spilled: &mut Spilled,
+        materials: &[Material],
+        metres_per_unit: f64,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         progress.begin("measure", "faces", Some(spilled.polygons));
-        let mut survey = Self { bounds: Bounds::EMPTY, area_along: [0.0; 2] };
-        let mut points = Vec::new();
-        spilled.for_each_face(
-            |spilled, face| {
-                points.clear();
-                for corner in &face.corners {
-                    match position(spilled, face, *corner)? {
-                        Some(p) if is_usable(p, metres_per_unit) => points.push(p),
-                        _ => return Ok(()),
-                    }
-                }
-                survey.add(&points);
-                Ok(())
-            },
-            progress,
-        )?;
-        Ok(survey)
-    }
-
-    fn add(&mut self, points: &[DVec3]) {
-        self.bounds = self.bounds.union(Bounds::of(points));
-        let area = area_vector(points) * 0.5;
-        let size = area.abs();
-        if size.z >= size.y && size.z >= size.x {
-            self.area_along[1] += area.length();
-        } else if size.y >= size.x {
-            self.area_along[0] += area.length();
+        let mut sample = Sample::default();
+        let mut bounds = Bounds::EMPTY;
+        let mut vertical = Vertical::default();
+        for_each_shape(spilled, metres_per_unit, progress, |face, points| {
+            bounds = bounds.union(Bounds::of(points));
+            sample.add(points);
+            vertical.add(points, &materials[face.material as usize]);
+        })?;
+        let whereabouts = sample.whereabouts();
+        let mut survey = Self { bounds, vertical, whereabouts, far: None };
+        let Some(whereabouts) = whereabouts else { return Ok(survey) };
+        if !whereabouts.is_far(&[bounds.min, bounds.max]) {
+            return Ok(survey);
         }
-    }
-
-    /// The vertical: of y and z the axis that more area faces along.
-    #[must_use]
-    pub fn up(&self) -> char {
-        if self.area_along[1] > self.area_along[0] { 'z' } else { 'y' }
+        let (mut near, mut vertical, mut far) = (Bounds::EMPTY, Vertical::default(), None);
+        for_each_shape(spilled, metres_per_unit, progress, |face, points| {
+            if whereabouts.is_far(points) {
+                let (count, ..) = far.get_or_insert((0, face.source, whereabouts.distance(points)));
+                *count += 1;
+            } else {
+                near = near.union(Bounds::of(points));
+                vertical.add(points, &materials[face.material as usize]);
+            }
+        })?;
+        (survey.bounds, survey.vertical, survey.far) = (near, vertical, far);
+        Ok(survey)
     }
 
     /// The frame of a store: its origin is the centre of the bounds, in whole units.
@@ -100,19 +110,37 @@ impl Survey {
         Frame { origin, metres_per_unit }
     }
 
-    /// Length of the diagonal of the bounds, model units; 0 if there are none.
+    /// Faces this near coincide where nothing else is given, m: no more than what parts of a building are apart, no
+    /// less than coordinates are rounded by.
     #[must_use]
-    pub fn diagonal(&self) -> f64 {
-        if self.is_empty() { 0.0 } else { self.bounds.size().length() }
+    pub fn snap_m(&self, metres_per_unit: f64) -> f64 {
+        let diagonal_m = if self.is_empty() { 0.0 } else { self.bounds.size().length() * metres_per_unit };
+        (SNAP * diagonal_m).min(MOST_SNAP_M).max(2.0 * f64::from(f32::EPSILON) * diagonal_m)
     }
 
     fn is_empty(&self) -> bool {
         self.bounds.min.x > self.bounds.max.x
     }
 
-    /// What is odd about the model's size, if anything.
+    /// What is odd about where the model lies and how large it is. `paths`: of the files.
     #[must_use]
-    pub fn size_warning(&self, metres_per_unit: f64) -> Option<String> {
+    pub fn warnings(&self, metres_per_unit: f64, paths: &[PathBuf]) -> Vec<String> {
+        let mut all = Vec::new();
+        if let (Some((count, first, distance)), Some(around)) = (self.far, self.whereabouts) {
+            all.push(format!(
+                "{count} faces lie far off, the first {:.0} m away, where most of the model lies within {:.1} m: first {}:{}; \
+                 they count for nothing that is measured of the whole",
+                distance * metres_per_unit,
+                around.radius * metres_per_unit,
+                paths[first.file as usize].display(),
+                first.line
+            ));
+        }
+        all.extend(self.size_warning(metres_per_unit));
+        all
+    }
+
+    fn size_warning(&self, metres_per_unit: f64) -> Option<String> {
         let size = self.bounds.size() * metres_per_unit;
         let longest = size.max_element();
         let [x, y, z] = size.to_array();
@@ -127,6 +155,32 @@ impl Survey {
             "the model is {x:.3} x {y:.3} x {z:.3} m, {odd} for a building: if its unit is another, give `--units`"
         ))
     }
+}
+
+/// Visits the faces that have an area, with their corners in model units.
+fn for_each_shape(
+    spilled: &mut Spilled,
+    metres_per_unit: f64,
+    progress: &dyn Progress,
+    mut visit: impl FnMut(&Face, &[DVec3]),
+) -> Result<()> {
+    let mut points = Vec::new();
+    spilled.for_each_face(
+        |spilled, face| {
+            points.clear();
+            for corner in &face.corners {
+                match position(spilled, face, *corner)? {
+                    Some(p) if is_usable(p, metres_per_unit) => points.push(p),
+                    _ => return Ok(()),
+                }
+            }
+            if !is_needle(&points) {
+                visit(face, &points);
+            }
+            Ok(())
+        },
+        progress,
+    )
 }
 
 /// Position of a face's corner in model units; `None` if its file has no such vertex.
@@ -159,11 +213,15 @@ pub fn no_faces(spilled: &Spilled) -> Error {
 mod tests {
     use super::*;
 
+    fn survey(bounds: Bounds) -> Survey {
+        Survey { bounds, vertical: Vertical::default(), whereabouts: None, far: None }
+    }
+
     #[test]
     fn a_building_ten_kilometres_away_keeps_its_shape_to_the_last_bit() {
-        let near = Survey { bounds: Bounds::of(&[DVec3::ZERO, DVec3::splat(30.0)]), area_along: [0.0; 2] };
+        let near = survey(Bounds::of(&[DVec3::ZERO, DVec3::splat(30.0)]));
         let shift = DVec3::new(10_000.0, -10_000.0, 5_000.0);
-        let far = Survey { bounds: Bounds::of(&[shift, shift + 30.0]), area_along: [0.0; 2] };
+        let far = survey(Bounds::of(&[shift, shift + 30.0]));
         for place in [[1.25, 2.5, 3.75], [29.125, 0.0625, 7.0]] {
             let place = DVec3::from_array(place);
             assert_eq!(near.frame(1.0).store_position(place), far.frame(1.0).store_position(place + shift));
@@ -174,13 +232,16 @@ mod tests {
     }
 
     #[test]
-    fn floors_and_ceilings_tell_the_vertical() {
-        let mut survey = Survey { bounds: Bounds::EMPTY, area_along: [0.0; 2] };
-        survey.add(&[DVec3::ZERO, DVec3::X * 4.0, DVec3::new(4.0, 0.0, 3.0)]);
-        assert_eq!(survey.up(), 'y');
-        survey.add(&[DVec3::ZERO, DVec3::X * 4.0, DVec3::new(4.0, 4.0, 0.0)]);
-        assert_eq!(survey.up(), 'z');
-        assert!(survey.size_warning(1.0).is_none());
-        assert!(survey.size_warning(1000.0).unwrap().contains("--units"));
+    fn faces_of_large_buildings_coincide_within_a_millimetre_and_rounding_is_never_less() {
+        let snap = |side: f64| survey(Bounds::of(&[DVec3::ZERO, DVec3::X * side])).snap_m(1.0);
+        assert_eq!((snap(10.0), snap(100.0), snap(3000.0)), (1e-4, 1e-3, 1e-3));
+        assert!(snap(1e5) > 2.0 * 1e5 / f64::from(1 << 24), "{}", snap(1e5));
+    }
+
+    #[test]
+    fn a_size_that_no_building_has_is_named() {
+        let size = |metres| survey(Bounds::of(&[DVec3::ZERO, DVec3::splat(4.0)])).size_warning(metres);
+        assert!(size(1.0).is_none());
+        assert!(size(1000.0).unwrap().contains("--units"));
     }
 }

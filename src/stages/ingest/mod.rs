@@ -20,6 +20,9 @@ mod scratch;
 mod skipped;
 mod sorter;
 mod tree;
+mod typical;
+mod vertical;
+mod whereabouts;
 mod write;
 
 use std::collections::BTreeMap;
@@ -38,16 +41,16 @@ use self::record_file::RecordFile;
 use self::rerun::{GeometryOptions, Recipe, hash_file};
 use self::scratch::Scratch;
 use self::tree::Rules;
-use self::write::{Source, Totals, Writers};
+use self::typical::Far;
+use self::write::{NewMaterials, Source, Totals, Writers};
 use crate::base::memory::MemoryBudget;
 use crate::base::{Error, Progress, Result};
 use crate::formats::mtl;
+use crate::store::stage_rows::hash;
 use crate::store::{ExtentRef, IngestTx, ModelFacts, RunLock, SegmentWriter, Snapshot, Stage, StageRecord, Store};
 
 /// Least memory that an ingest runs in, bytes.
 const LEAST_MEMORY: u64 = 48 << 20;
-/// Snap length as a share of the bounding diagonal.
-const SNAP: f64 = 1e-5;
 
 /// Length units of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,7 +112,7 @@ pub struct Options {
     pub emit_both: bool,
     /// `--max-cluster-patches`, 1..=256.
     pub max_cluster_patches: u32,
-    /// `--snap`, m; `None` is 1e-5 of the bounding diagonal.
+    /// `--snap`, m; `None` is 1e-5 of the bounding diagonal, at most 1 mm.
     pub snap_m: Option<f64>,
     /// `--memory`.
     pub memory: MemoryBudget,
@@ -179,6 +182,8 @@ pub struct Summary {
     pub bounds_m: [[f64; 3]; 2],
     /// The vertical.
     pub up: char,
+    /// Whether what speaks for it is clear, or it was given.
+    pub up_is_sure: bool,
     /// Nothing had to be done.
     pub unchanged: bool,
     /// Version that opened a branch with new materials, if that is what was done.
@@ -195,7 +200,7 @@ impl super::summary::Summary for Summary {
                 "{} patches ({} emitting) of {} polygons in {} clusters, {:.1} m2; {skipped} faces skipped",
                 self.patches, self.emitters, self.input_polygons, self.clusters, self.area_m2
             ),
-            format!("{} m, up is {}", size.join(" x "), self.up),
+            format!("{} m, {}", size.join(" x "), vertical_line(self.up, self.up_is_sure)),
         ];
         if self.unchanged {
             lines.push("Nothing has changed since the last ingest.".to_owned());
@@ -230,7 +235,7 @@ fn ingest(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     if let Some(record) = &before
         && rerun::is_unchanged(record, options)?
     {
-        return Ok(Summary { unchanged: true, ..summary(options, &store.facts()?, BTreeMap::new()) });
+        return Ok(Summary { unchanged: true, ..summary(options, &store, BTreeMap::new())? });
     }
     let scratch = Scratch::create(&options.store)?;
     let made = Made::from_files(options, &scratch, progress)?;
@@ -252,7 +257,9 @@ struct Made {
     libraries: Vec<Vec<LibraryFile>>,
     survey: Survey,
     frame: Frame,
+    far: Far,
     snap_m: f64,
+    typical_m: f64,
     incomplete: bool,
 }
 
@@ -271,32 +278,34 @@ impl Made {
         let incomplete = spilled.files.iter().zip(&libraries).any(|(f, l)| l.len() < f.libraries.len());
 
         let unit = options.units.metres();
-        let survey = Survey::of(&mut spilled, unit, progress)?;
+        let survey = Survey::of(&mut spilled, &materials, unit, progress)?;
         let frame = survey.frame(unit);
-        let snap_m = options.snap_m.unwrap_or(SNAP * survey.diagonal() * unit);
+        let far = Far::of(&survey, frame);
+        let snap_m = options.snap_m.unwrap_or(survey.snap_m(unit));
         let mut raw = RecordFile::create(dir, "raw", cache)?;
-        pieces::make(&mut spilled, frame, snap_m, &mut raw, progress)?;
+        pieces::make(&mut spilled, (frame, survey.whereabouts), snap_m, &mut raw, progress)?;
         let search = Search { dir, memory_bytes: options.memory.share(10), snap_m, materials: &materials };
         search.run(&mut raw, &mut spilled.skipped, progress)?;
         let mut pieces = RecordFile::create(dir, "pieces", cache)?;
         join::join(&mut raw, &mut pieces, snap_m, progress)?;
         drop(raw);
         search.run(&mut pieces, &mut spilled.skipped, progress)?;
-        pieces::split_long(&mut pieces)?;
+        let typical_m = typical::width_m(&mut pieces, far)?;
+        let paths: Vec<PathBuf> = spilled.files.iter().map(|f| f.path.clone()).collect();
+        pieces::split_long(&mut pieces, typical_m, far, &paths)?;
         if pieces.len() == 0 {
             return Err(frame::no_faces(&spilled));
         }
-        if let Some(warning) = survey.size_warning(unit) {
-            progress.warn(&warning);
+        if options.up.is_none() && !survey.vertical.up(survey.bounds.size()).1 {
+            progress.warn("whether y or z is the vertical is not sure: z is taken; if it is y, give `--up y`");
         }
-        let paths: Vec<PathBuf> = spilled.files.iter().map(|f| f.path.clone()).collect();
-        for warning in spilled.skipped.warnings(&paths) {
+        for warning in survey.warnings(unit, &paths).into_iter().chain(spilled.skipped.warnings(&paths)) {
             progress.warn(&warning);
         }
         for (what, n) in &spilled.ignored {
             progress.warn(&format!("{n} {what} ignored: they have no area"));
         }
-        Ok(Self { spilled, pieces, materials, libraries, survey, frame, snap_m, incomplete })
+        Ok(Self { spilled, pieces, materials, libraries, survey, frame, far, snap_m, typical_m, incomplete })
     }
 
     fn source<'a>(&'a mut self, options: &Options, scratch: &'a Scratch) -> Source<'a> {
@@ -304,6 +313,7 @@ impl Made {
             spilled: &mut self.spilled,
             pieces: &mut self.pieces,
             frame: self.frame,
+            far: self.far,
             rules: Rules { materials: &self.materials, both_sides: options.both_sides, emit_both: options.emit_both },
             most: options.max_cluster_patches as usize,
             scratch: (scratch.dir(), options.memory.share(10)),
@@ -333,10 +343,10 @@ impl Made {
         self.spilled.skipped.for_each(|file, line, cause| tx.add_skipped(files[file as usize], line, cause))?;
         let (totals, top) = write::write_clusters(&mut self.source(options, scratch), &mut writers, &mut tx, progress)?;
         let facts = self.facts(options, &totals, top);
-        let record = record(&recipe, &totals);
+        let record = record(&recipe, &totals, self.frame);
         warn_if_dark(&totals, progress);
         tx.finish(&facts, &record, &mut writers.all)?;
-        Ok(summary(options, &facts, self.spilled.skipped.counts()))
+        summary(options, store, self.spilled.skipped.counts())
     }
 
     fn into_known_store(
@@ -348,24 +358,30 @@ impl Made {
         progress: &dyn Progress,
     ) -> Result<Summary> {
         let recipe = self.recipe(options)?;
-        let mut writers = [SegmentWriter::create(store, "materials")?, SegmentWriter::create(store, "light")?];
+        let create = |purpose| SegmentWriter::create(store, purpose);
+        let mut writers = [create("materials")?, create("light")?, create("light")?];
         let newest = Snapshot::newest(store)?;
         let mut source = self.source(options, scratch);
-        let (totals, mut rows) = write::write_materials(&mut source, &newest, &mut writers, progress)?;
-        let record = record(&recipe, &totals);
+        let NewMaterials { totals, mut rows, same_emitters } =
+            write::write_materials(&mut source, &newest, &mut writers, progress)?;
+        let record = record(&recipe, &totals, self.frame);
         if record.input_hash != before.input_hash {
             return Err(rerun::refused(options, "its geometry differs"));
         }
         let old = store.facts()?;
         let skipped = self.spilled.skipped.counts();
         if record.materials_hash == before.materials_hash {
-            return Ok(Summary { unchanged: true, ..summary(options, &old, skipped) });
+            return Ok(Summary { unchanged: true, ..summary(options, store, skipped)? });
         }
         let facts = self.facts(options, &totals, old.rays_top);
         warn_if_dark(&totals, progress);
-        let mut waiting = (0..rows.len()).map(|i| rows.get(i).map(Into::into));
-        let version = store.replace_materials(&facts, &record, &mut writers, &mut waiting)?;
-        Ok(Summary { materials_version: Some(version), ..summary(options, &facts, skipped) })
+        // Rows tell emitting sides from others: where other sides emit, nothing of the solution stays.
+        let base = if same_emitters { newest.version() } else { 0 };
+        let [materials, kept, fresh] = writers;
+        let mut used = [materials, if same_emitters { kept } else { fresh }];
+        let mut waiting = (0..rows.len()).map(|i| rows.get(i).map(|row| row.row(same_emitters)));
+        let version = store.replace_materials(&facts, &record, base, &mut used, &mut waiting)?;
+        Ok(Summary { materials_version: Some(version), ..summary(options, store, skipped)? })
     }
 
     fn recipe(&self, options: &Options) -> Result<Recipe> {
@@ -381,8 +397,14 @@ impl Made {
             inputs,
             models: options.models.len(),
             has_given_materials: options.materials.is_some(),
+            up_is_sure: self.up(options).1,
             incomplete: self.incomplete,
         })
+    }
+
+    /// The vertical, and whether it is sure.
+    fn up(&self, options: &Options) -> (char, bool) {
+        options.up.map_or_else(|| self.survey.vertical.up(self.survey.bounds.size()), |up| (up, true))
     }
 
     fn facts(&self, options: &Options, totals: &Totals, rays_top: ExtentRef) -> ModelFacts {
@@ -390,7 +412,7 @@ impl Made {
         ModelFacts {
             origin: self.frame.origin.to_array(),
             metres_per_unit: self.frame.metres_per_unit,
-            up: options.up.unwrap_or(self.survey.up()),
+            up: self.up(options).0,
             min_m: bounds.min.to_array(),
             max_m: bounds.max.to_array(),
             snap_m: self.snap_m,
@@ -401,7 +423,7 @@ impl Made {
             emitters: totals.emitters,
             input_polygons: self.spilled.polygons,
             area_m2: totals.area_m2,
-            mean_patch_area_m2: totals.mean_patch_area_m2(),
+            mean_patch_area_m2: self.typical_m * self.typical_m,
             emitted_w: totals.emitted_w.0,
             mean_reflectance: totals.mean_reflectance(),
             max_reflectance: totals.max_reflectance,
@@ -416,11 +438,13 @@ fn warn_if_dark(totals: &Totals, progress: &dyn Progress) {
     }
 }
 
-fn record(recipe: &Recipe, totals: &Totals) -> StageRecord {
+fn record(recipe: &Recipe, totals: &Totals, frame: Frame) -> StageRecord {
     let (geometry, materials) = totals.hashes();
+    // Where a model lies is part of what it is: points are asked for in its own coordinates.
+    let place = frame.origin.to_array().map(f64::to_le_bytes);
     StageRecord {
         stage: Stage::Ingest,
-        input_hash: geometry,
+        input_hash: hash([geometry.as_bytes(), place.as_flattened()]),
         materials_hash: materials,
         options_hash: recipe.geometry.hash(),
         previous_hash: String::new(),
@@ -428,11 +452,28 @@ fn record(recipe: &Recipe, totals: &Totals) -> StageRecord {
     }
 }
 
-fn summary(options: &Options, facts: &ModelFacts, skipped: BTreeMap<String, u64>) -> Summary {
+/// The vertical of a store's model, and whether it is sure.
+pub fn vertical(store: &Store) -> Result<(char, bool)> {
+    let recipe = store.stage(Stage::Ingest)?.and_then(|record| serde_json::from_str::<Recipe>(&record.options).ok());
+    Ok((store.facts()?.up, recipe.is_none_or(|recipe| recipe.up_is_sure)))
+}
+
+/// The vertical as people read it.
+#[must_use]
+pub fn vertical_line(up: char, is_sure: bool) -> String {
+    let other = if up == 'z' { 'y' } else { 'z' };
+    let doubt =
+        if is_sure { String::new() } else { format!(", but that is not sure: if it is {other}, give `--up {other}`") };
+    format!("up is {up}{doubt}")
+}
+
+fn summary(options: &Options, store: &Store, skipped: BTreeMap<String, u64>) -> Result<Summary> {
+    let facts = store.facts()?;
+    let (up, up_is_sure) = vertical(store)?;
     // To the micrometre: stored coordinates are f32.
     let micro = |x: f64| (x * 1e6).round() / 1e6;
     let corner = |at: [f64; 3]| std::array::from_fn(|i| micro(at[i] + facts.origin[i] * facts.metres_per_unit));
-    Summary {
+    Ok(Summary {
         store: options.store.clone(),
         patches: facts.patches,
         clusters: facts.clusters,
@@ -441,8 +482,9 @@ fn summary(options: &Options, facts: &ModelFacts, skipped: BTreeMap<String, u64>
         input_polygons: facts.input_polygons,
         skipped,
         bounds_m: [corner(facts.min_m), corner(facts.max_m)],
-        up: facts.up,
+        up,
+        up_is_sure,
         unchanged: false,
         materials_version: None,
-    }
+    })
 }

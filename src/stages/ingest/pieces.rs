@@ -1,14 +1,18 @@
 //! Second pass: faces into pieces, each a triangle or a convex planar quad.
 
+use std::path::PathBuf;
+
 use bytemuck::Zeroable;
 use glam::DVec3;
 
 use super::frame::{Frame, position};
-use super::piece::{FaceCorner, NONE, Piece};
+use super::piece::{FaceCorner, NONE, Piece, Source};
 use super::read::{Face, Spilled};
 use super::record_file::RecordFile;
 use super::skipped::Cause;
-use crate::base::{Progress, Result};
+use super::typical::Far;
+use super::whereabouts::Whereabouts;
+use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::split::{area_vector, split};
 
@@ -20,7 +24,11 @@ const THIN: f64 = 1e-6;
 /// Four times the rounding of stored coordinates, relative to the largest.
 const ROUNDING: f64 = 4.0 / (1 << 24) as f64;
 /// Patches with a longer edge are split, m: 1 cm at the greatest depth.
-pub const LONGEST_EDGE_M: f64 = 160.0;
+const LONGEST_EDGE_M: f64 = 160.0;
+/// Widths of a typical patch up to which edges may be longer than that: a thousandth of one at the greatest depth.
+const LONGEST_EDGE: f64 = 16.0;
+/// Most patches that one face is split into: a square of 80 km.
+const MOST_PIECES: f64 = 1e6;
 
 /// How far from its mean plane a polygon's corners may lie, m.
 #[must_use]
@@ -37,32 +45,39 @@ fn longest_edge(points: &[DVec3]) -> f64 {
     edges(points).fold(0.0, f64::max)
 }
 
-fn is_thin(points: &[DVec3]) -> bool {
-    let longest = longest_edge(points);
+/// Whether a polygon has no area to speak of.
+#[must_use]
+pub fn is_needle(points: &[DVec3]) -> bool {
+    area_vector(points).length() <= THIN * longest_edge(points).powi(2)
+}
+
+/// Whether the rounding of stored coordinates leaves nothing of a polygon's area.
+fn is_lost_in_rounding(points: &[DVec3]) -> bool {
     let farthest = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
-    area_vector(points).length() <= longest * (THIN * longest).max(ROUNDING * farthest)
+    area_vector(points).length() <= longest_edge(points) * ROUNDING * farthest
 }
 
 /// Makes pieces of all faces, in order; faces without any are listed as skipped.
 pub fn make(
     spilled: &mut Spilled,
-    frame: Frame,
+    (frame, whereabouts): (Frame, Option<Whereabouts>),
     snap_m: f64,
     pieces: &mut RecordFile<Piece>,
     progress: &dyn Progress,
 ) -> Result<()> {
     progress.begin("split", "faces", Some(spilled.polygons));
-    spilled.for_each_face(|spilled, face| one_face(spilled, face, frame, snap_m, pieces), progress)
+    spilled.for_each_face(|spilled, face| one_face(spilled, face, (frame, whereabouts), snap_m, pieces), progress)
 }
 
 fn one_face(
     spilled: &mut Spilled,
     face: &Face,
-    frame: Frame,
+    (frame, whereabouts): (Frame, Option<Whereabouts>),
     snap_m: f64,
     pieces: &mut RecordFile<Piece>,
 ) -> Result<()> {
     let mut corners: Vec<(FaceCorner, [f32; 3])> = Vec::with_capacity(face.corners.len());
+    let mut named = Vec::with_capacity(face.corners.len());
     for corner in &face.corners {
         let Some(at) = position(spilled, face, *corner)? else {
             let (start, end) = spilled.files[face.source.file as usize].vertices;
@@ -76,6 +91,7 @@ fn one_face(
             let detail = format!("corner at {} {} {} is not finite, or over 1e9 m from zero", at.x, at.y, at.z);
             return spilled.skipped.add(Cause::NotFinite, face.source, &detail);
         }
+        named.push(at);
         let stored = frame.store_position(at);
         if corners.last().is_none_or(|last| last.1 != stored) {
             corners.push((*corner, stored));
@@ -89,16 +105,23 @@ fn one_face(
     if points.len() >= 3 {
         for part in split(&points, planar_tolerance(&points, snap_m)) {
             let shape: Vec<DVec3> = part.corners().iter().map(|i| points[*i]).collect();
-            if !is_thin(&shape) {
+            if !is_needle(&shape) && !is_lost_in_rounding(&shape) {
                 pieces.push(piece(face, part.corners().iter().map(|i| corners[*i])))?;
                 made += 1;
             }
         }
     }
-    if made == 0 {
-        spilled.skipped.add(Cause::Degenerate, face.source, "face has no area")?;
+    if made > 0 {
+        return Ok(());
     }
-    Ok(())
+    match whereabouts.filter(|around| !is_needle(&named) && around.is_far(&named)) {
+        Some(around) => {
+            let away_m = around.distance(&named) * frame.metres_per_unit;
+            let detail = format!("face is too small to be stored {away_m:.0} m from the rest of the model");
+            spilled.skipped.add(Cause::TooFar, face.source, &detail)
+        }
+        None => spilled.skipped.add(Cause::Degenerate, face.source, "face has no area"),
+    }
 }
 
 fn piece(face: &Face, corners: impl Iterator<Item = (FaceCorner, [f32; 3])>) -> Piece {
@@ -113,14 +136,19 @@ fn piece(face: &Face, corners: impl Iterator<Item = (FaceCorner, [f32; 3])>) -> 
     piece
 }
 
-/// Splits pieces with an edge over [`LONGEST_EDGE_M`]: the parts go to the end, the whole is gone.
-/// Neighbours are cut at the same places, the midpoints of their common edges.
-pub fn split_long(pieces: &mut RecordFile<Piece>) -> Result<()> {
+/// Splits pieces with too long an edge for a model whose typical patch is so wide: the parts go to the end, the whole
+/// is gone. Neighbours are cut at the same places, the midpoints of their common edges. What lies far off stays whole.
+pub fn split_long(pieces: &mut RecordFile<Piece>, typical_m: f64, far: Far, paths: &[PathBuf]) -> Result<()> {
+    let longest_m = LONGEST_EDGE_M.max(LONGEST_EDGE * typical_m);
+    let is_long = |piece: &Piece| {
+        let (points, n) = piece.points();
+        piece.gone == 0 && longest_edge(&points[..n]) > longest_m && !far.holds(&piece.corners_m[..n])
+    };
+    refuse_too_many(pieces, longest_m, &is_long, paths)?;
     let mut i = 0;
     while i < pieces.len() {
         let mut whole = pieces.get(i)?;
-        let (points, n) = whole.points();
-        if whole.gone == 0 && longest_edge(&points[..n]) > LONGEST_EDGE_M {
+        if is_long(&whole) {
             whole.gone = 1;
             pieces.set(i, whole)?;
             for half in halves(&whole) {
@@ -128,6 +156,36 @@ pub fn split_long(pieces: &mut RecordFile<Piece>) -> Result<()> {
             }
         }
         i += 1;
+    }
+    Ok(())
+}
+
+/// Fails if splitting would make more than [`MOST_PIECES`] of one face.
+fn refuse_too_many(
+    pieces: &mut RecordFile<Piece>,
+    longest_m: f64,
+    is_long: &dyn Fn(&Piece) -> bool,
+    paths: &[PathBuf],
+) -> Result<()> {
+    for i in 0..pieces.len() {
+        let piece = pieces.get(i)?;
+        if !is_long(&piece) {
+            continue;
+        }
+        let (points, n) = piece.points();
+        let (edge_m, area_m2) = (longest_edge(&points[..n]), 0.5 * area_vector(&points[..n]).length());
+        // Halved until no edge is too long, pieces have a quarter to all of the longest square.
+        let count = 4.0 * area_m2 / (longest_m * longest_m) + 2.0 * edge_m / longest_m;
+        if count > MOST_PIECES {
+            let Source { file, line, .. } = piece.sources[0];
+            return Err(Error::TooLarge {
+                message: format!(
+                    "{}:{line}: a face of {edge_m:.0} m would become {count:.0} patches of {longest_m:.0} m, over the limit of {MOST_PIECES}",
+                    paths[file as usize].display()
+                ),
+                help: "leave the face out, cut it down to the building, or give `--units`".to_owned(),
+            });
+        }
     }
     Ok(())
 }
@@ -179,7 +237,7 @@ mod tests {
         triangle.corners_m = [[0., 0., 0.], [500., 0., 0.], [0., 0., 30.], [0., 0., 30.]];
         pieces.push(quad).unwrap();
         pieces.push(triangle).unwrap();
-        split_long(&mut pieces).unwrap();
+        split_long(&mut pieces, 1.0, Far::NONE, &[]).unwrap();
         let mut area = 0.0;
         for i in 0..pieces.len() {
             let piece = pieces.get(i).unwrap();

@@ -24,6 +24,9 @@ pub struct Recipe {
     pub models: usize,
     /// Whether the last is that of `--materials`.
     pub has_given_materials: bool,
+    /// Whether what tells the vertical is clear.
+    #[serde(default)]
+    pub up_is_sure: bool,
     /// Whether a material file was missing: it may be there the next time.
     pub incomplete: bool,
 }

@@ -17,6 +17,8 @@ pub enum Cause {
     NotFinite,
     /// It has no area.
     Degenerate,
+    /// So far from the rest of the model that rounding leaves nothing of it.
+    TooFar,
     /// Same corners and winding as a face before it.
     Duplicate,
 }
@@ -27,6 +29,7 @@ impl Cause {
             Self::BadFace => "bad_face",
             Self::NotFinite => "not_finite",
             Self::Degenerate => "degenerate",
+            Self::TooFar => "too_far",
             Self::Duplicate => "duplicate",
         }
     }

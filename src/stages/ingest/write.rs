@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::clusters::for_each_cluster;
@@ -12,10 +13,11 @@ use super::piece::{NONE, Piece};
 use super::read::Spilled;
 use super::record_file::RecordFile;
 use super::tree::{ClusterRecords, Rules};
+use super::typical::Far;
 use crate::base::{ClusterId, Error, Progress, Result, Rgb};
 use crate::geom::bounds::Bounds;
 use crate::model::ExtentKind;
-use crate::model::geometry::PatchRecord;
+use crate::model::geometry::{PatchRecord, SideMaterial};
 use crate::model::layout::{Arrays, ArraysBuilder};
 use crate::model::origin::{BakeCorner, PatchSource};
 use crate::model::rays::{ClusterRef, TOP};
@@ -31,6 +33,8 @@ pub struct Source<'a> {
     pub pieces: &'a mut RecordFile<Piece>,
     /// Where the store's origin lies.
     pub frame: Frame,
+    /// Which pieces lie far off.
+    pub far: Far,
     /// How patches get their materials.
     pub rules: Rules<'a>,
     /// `--max-cluster-patches`.
@@ -48,7 +52,7 @@ pub struct Totals {
     pub clusters: u64,
     /// Emitting patches.
     pub emitters: u64,
-    /// Area, each patch once, m2.
+    /// Area, each patch once, m2; what lies far off is left out here, of the box and of the means.
     pub area_m2: f64,
     /// Power emitted, W.
     pub emitted_w: Rgb,
@@ -56,7 +60,6 @@ pub struct Totals {
     pub bounds: Option<Bounds>,
     /// Largest reflectance.
     pub max_reflectance: f64,
-    area_squared: f64,
     rho_area: f64,
     side_area: f64,
     geometry: Xxh3,
@@ -64,19 +67,22 @@ pub struct Totals {
 }
 
 impl Totals {
-    fn add(&mut self, records: &ClusterRecords) {
+    fn add(&mut self, records: &ClusterRecords, far: Far) {
         self.clusters += 1;
         self.patches += records.patches.len() as u64;
         self.emitters += u64::from(records.emitters());
-        let own = Bounds::from_f32(records.head.min_m, records.head.max_m);
-        self.bounds = Some(self.bounds.map_or(own, |b| b.union(own)));
         for (patch, sides) in records.patches.iter().zip(records.materials.chunks_exact(2)) {
             let area = f64::from(patch.area_m2);
-            self.area_m2 += area;
-            self.area_squared += area * area;
+            let is_far = far.holds(&patch.corners_m);
+            if !is_far {
+                self.area_m2 += area;
+                let corners = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
+                let own = Bounds::of(&corners);
+                self.bounds = Some(self.bounds.map_or(own, |b| b.union(own)));
+            }
             for (i, side) in sides.iter().enumerate() {
                 self.emitted_w += Rgb::from_f32(side.exitance) * area;
-                if patch.sides >> i & 1 == 1 {
+                if patch.sides >> i & 1 == 1 && !is_far {
                     let rho = Rgb::from_f32(side.rho);
                     self.side_area += area;
                     self.rho_area += rho.0.iter().sum::<f64>() / 3.0 * area;
@@ -84,12 +90,6 @@ impl Totals {
                 }
             }
         }
-    }
-
-    /// Area-weighted mean of the patches' areas, m2.
-    #[must_use]
-    pub fn mean_patch_area_m2(&self) -> f64 {
-        self.area_squared / self.area_m2
     }
 
     /// Area-weighted mean reflectance over channels and sides.
@@ -113,7 +113,7 @@ fn for_each(
     mut visit: impl FnMut(&mut Spilled, &ClusterRecords, &[Piece]) -> Result<()>,
 ) -> Result<()> {
     progress.begin("write", "clusters", None);
-    let (rules, spilled) = (source.rules, &mut *source.spilled);
+    let (rules, far, spilled) = (source.rules, source.far, &mut *source.spilled);
     let mut of: Vec<Piece> = Vec::new();
     for_each_cluster(source.pieces, source.most, source.scratch, |pieces, rows| {
         if totals.clusters > u64::from(ClusterId::MAX) {
@@ -130,7 +130,7 @@ fn for_each(
         records.head.object = of[0].object + 1;
         totals.geometry.update(&records.geometry());
         totals.materials.update(&records.materials_payload());
-        totals.add(&records);
+        totals.add(&records, far);
         visit(spilled, &records, &of)?;
         progress.at(totals.clusters);
         if progress.interrupted() { Err(Error::Interrupted) } else { Ok(()) }
@@ -283,7 +283,8 @@ fn bake_corners(spilled: &mut Spilled, frame: Frame, pieces: &[&Piece]) -> Resul
 #[repr(C)]
 pub struct WaitingRow {
     materials: [u64; 3],
-    radiosity: [u64; 3],
+    /// Light on the elements that the cluster had, then on none but its sides.
+    radiosity: [[u64; 3]; 2],
     cluster: u32,
     emitters: u32,
 }
@@ -296,37 +297,63 @@ fn extent([segment, offset, bytes]: [u64; 3]) -> ExtentRef {
     ExtentRef { segment: segment as u32, offset, bytes }
 }
 
-impl From<WaitingRow> for MaterialsRow {
-    fn from(row: WaitingRow) -> Self {
-        Self {
-            id: ClusterId(row.cluster),
-            emitters: row.emitters,
-            materials: extent(row.materials),
-            radiosity: extent(row.radiosity),
+impl WaitingRow {
+    /// For the catalogue, with the light to begin from.
+    #[must_use]
+    pub fn row(self, keeps_elements: bool) -> MaterialsRow {
+        MaterialsRow {
+            id: ClusterId(self.cluster),
+            emitters: self.emitters,
+            materials: extent(self.materials),
+            radiosity: extent(self.radiosity[usize::from(!keeps_elements)]),
         }
     }
 }
 
-/// Writes materials and light only, for a model whose geometry is in the store already; the rows
-/// wait in a record file.
+/// New materials of a model whose geometry is in the store already.
+pub struct NewMaterials {
+    /// Sums over all clusters.
+    pub totals: Totals,
+    /// A row for every cluster.
+    pub rows: RecordFile<WaitingRow>,
+    /// Whether the sides that emit are those of the newest version.
+    pub same_emitters: bool,
+}
+
+/// Writes materials (first writer) and light: on the elements that a cluster has (second) and on none but its sides
+/// (third).
 pub fn write_materials(
     source: &mut Source<'_>,
     newest: &Snapshot<'_>,
-    writers: &mut [SegmentWriter; 2],
+    [materials, kept, fresh]: &mut [SegmentWriter; 3],
     progress: &dyn Progress,
-) -> Result<(Totals, RecordFile<WaitingRow>)> {
+) -> Result<NewMaterials> {
     let mut totals = Totals::default();
     let mut rows = RecordFile::create(source.scratch.0, "rows", 0)?;
+    let mut same_emitters = true;
     for_each(source, progress, &mut totals, |_, records, _| {
         let id = records.head.cluster;
-        let materials = writers[0].append(ExtentKind::Materials, id, &records.materials_payload())?;
-        let radiosity = writers[1].append(ExtentKind::Radiosity, id, &light_on_known_elements(newest, records)?)?;
+        same_emitters &= emits_as_before(newest, records)?;
+        let light = [
+            kept.append(ExtentKind::Radiosity, id, &light_on_known_elements(newest, records)?)?,
+            fresh.append(ExtentKind::Radiosity, id, &records.light_at_start())?,
+        ];
         rows.push(WaitingRow {
-            materials: words(materials),
-            radiosity: words(radiosity),
+            materials: words(materials.append(ExtentKind::Materials, id, &records.materials_payload())?),
+            radiosity: light.map(words),
             cluster: id,
             emitters: records.emitters(),
         })
     })?;
-    Ok((totals, rows))
+    Ok(NewMaterials { totals, rows, same_emitters })
+}
+
+/// Whether just those sides of a cluster emit that do in a version.
+fn emits_as_before(version: &Snapshot<'_>, cluster: &ClusterRecords) -> Result<bool> {
+    let Some(before) = version.extent(ExtentKind::Materials, ClusterId(cluster.head.cluster))? else {
+        return Ok(false);
+    };
+    let sides: &[SideMaterial] = before.parse(|payload| Arrays::new(payload).get(0))?;
+    let emits = |side: &SideMaterial| side.exitance != [0.0; 3];
+    Ok(sides.iter().map(emits).eq(cluster.materials.iter().map(emits)))
 }

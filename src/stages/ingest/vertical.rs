@@ -1,0 +1,96 @@
+//! Which axis of a model is its vertical, y or z, and how sure that is.
+//!
+//! Three things speak for an axis: floors and ceilings face along it, most buildings are wider than high, lamps look
+//! down. None is enough: a corridor has more wall than floor, a tower is high, a window shines sideways.
+
+use glam::DVec3;
+
+use super::materials::Material;
+use crate::geom::split::area_vector;
+
+/// What all lamps looking down along an axis counts, as a logarithm of a ratio: as much as seven times the area.
+const LAMPS: f64 = 2.0;
+/// Logarithm of a ratio from which the vertical is sure: twice as much speaks for it as for the other.
+const SURE: f64 = 0.7;
+
+/// What speaks for an axis.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Vertical {
+    /// Area that faces mostly along x, y, z, squared model units.
+    area_along: [f64; 3],
+    /// Emitted power (any unit) times the front normal, and its sum without directions.
+    emission: DVec3,
+    emitted: f64,
+}
+
+impl Vertical {
+    /// Adds a face.
+    pub fn add(&mut self, points: &[DVec3], material: &Material) {
+        let area = area_vector(points) * 0.5;
+        let size = area.abs();
+        let axis = if size.z >= size.y && size.z >= size.x { 2 } else { usize::from(size.y >= size.x) };
+        self.area_along[axis] += area.length();
+        let exitance = material.exitance.norm_squared().sqrt();
+        self.emission += area * exitance;
+        self.emitted += area.length() * exitance;
+    }
+
+    /// The vertical of a model of that size (any unit), and whether it is sure. Where it is not, z.
+    #[must_use]
+    pub fn up(&self, size: DVec3) -> (char, bool) {
+        let [_, y, z] = self.area_along;
+        let ratio = |a: f64, b: f64| if a > 0.0 && b > 0.0 { (a / b).ln() } else { 0.0 };
+        let down = |axis: usize| if self.emitted > 0.0 { (-self.emission[axis] / self.emitted).max(0.0) } else { 0.0 };
+        let area = if y == 0.0 || z == 0.0 { SURE * (f64::from(y > 0.0) - f64::from(z > 0.0)) } else { ratio(y, z) };
+        let for_y = area + ratio(size.z, size.y) + LAMPS * (down(1) - down(2));
+        match for_y.abs() >= SURE {
+            true if for_y > 0.0 => ('y', true),
+            is_sure => ('z', is_sure),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Rgb;
+
+    /// A box of that size with lamps of a square metre below its ceiling, which lies along `up`.
+    fn room(size: DVec3, up: Option<usize>) -> (char, bool) {
+        let plain = Material { rho: Rgb::grey(0.5), exitance: Rgb::BLACK };
+        let lamp = Material { exitance: Rgb::grey(1.0), ..plain };
+        let mut vertical = Vertical::default();
+        let tile = |axis: usize, turned: bool| {
+            let (a, b) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
+            let mut corners = [DVec3::ZERO, a, a + b, b];
+            if turned {
+                corners.reverse();
+            }
+            corners
+        };
+        for axis in 0..3 {
+            for turned in [false, true] {
+                vertical.add(&tile(axis, turned).map(|c| c * size), &plain);
+            }
+        }
+        if let Some(up) = up {
+            vertical.add(&tile(up, true), &lamp);
+        }
+        vertical.up(size)
+    }
+
+    #[test]
+    fn a_corridor_with_lamps_below_its_ceiling_a_hall_and_a_tower_tell_their_vertical() {
+        assert_eq!(room(DVec3::new(20.0, 2.0, 3.0), Some(2)), ('z', true));
+        assert_eq!(room(DVec3::new(20.0, 3.0, 2.0), Some(1)), ('y', true));
+        assert_eq!(room(DVec3::new(20.0, 30.0, 3.0), None), ('z', true));
+        assert_eq!(room(DVec3::new(20.0, 3.0, 30.0), None), ('y', true));
+        assert_eq!(room(DVec3::new(5.0, 5.0, 9.0), Some(2)), ('z', true));
+    }
+
+    #[test]
+    fn a_cube_without_lamps_is_taken_to_stand_on_z_and_that_is_not_sure() {
+        assert_eq!(room(DVec3::splat(3.0), None), ('z', false));
+        assert_eq!(room(DVec3::new(3.0, 2.7, 3.0), None), ('z', false));
+    }
+}

@@ -1,0 +1,114 @@
+//! Where most of a model lies, whatever single faces lie elsewhere: a marker at zero beside a building in national
+//! coordinates, a ground that reaches to the horizon.
+
+use std::collections::BinaryHeap;
+
+use glam::DVec3;
+
+use crate::geom::sequence::mix_point;
+
+/// Faces looked at for the whole model; chosen by their places, so that neither order nor memory matters.
+const SAMPLED: usize = 4096;
+/// Share of the faces that lie within the radius.
+const MOST: f64 = 0.9;
+/// Radii beyond which a face is far off. Towns and skies lie within; a building is this far from zero in national
+/// coordinates.
+const FAR: f64 = 1000.0;
+
+/// The middle of a model's faces, and what most of them lie within; model units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Whereabouts {
+    middle: DVec3,
+    /// Largest coordinate difference from the middle of nine faces in ten.
+    pub radius: f64,
+}
+
+impl Whereabouts {
+    /// Farthest corner of a face from the middle, by its largest coordinate difference.
+    #[must_use]
+    pub fn distance(&self, points: &[DVec3]) -> f64 {
+        points.iter().map(|p| (*p - self.middle).abs().max_element()).fold(0.0, f64::max)
+    }
+
+    /// Whether a face reaches so far that it says nothing of where the model is.
+    #[must_use]
+    pub fn is_far(&self, points: &[DVec3]) -> bool {
+        self.distance(points) > FAR * self.radius
+    }
+}
+
+/// Faces drawn from all.
+#[derive(Default)]
+pub struct Sample(BinaryHeap<(u64, [u64; 6])>);
+
+impl Sample {
+    /// Adds a face by its corners.
+    pub fn add(&mut self, points: &[DVec3]) {
+        let (low, high) =
+            points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+        let hash = mix_point(low) ^ mix_point(high).rotate_left(32);
+        if self.0.len() < SAMPLED || self.0.peek().is_some_and(|largest| hash < largest.0) {
+            let [a, b, c] = low.to_array().map(f64::to_bits);
+            let [d, e, f] = high.to_array().map(f64::to_bits);
+            self.0.push((hash, [a, b, c, d, e, f]));
+            if self.0.len() > SAMPLED {
+                self.0.pop();
+            }
+        }
+    }
+
+    /// What they tell; `None` if there are none.
+    #[must_use]
+    pub fn whereabouts(self) -> Option<Whereabouts> {
+        let boxes: Vec<[DVec3; 2]> = (self.0.into_sorted_vec().into_iter())
+            .map(|(_, bits)| {
+                let [a, b, c, d, e, f] = bits.map(f64::from_bits);
+                [DVec3::new(a, b, c), DVec3::new(d, e, f)]
+            })
+            .collect();
+        let last = boxes.len().checked_sub(1)?;
+        let middle = DVec3::from_array([0, 1, 2].map(|axis| {
+            let mut all: Vec<f64> = boxes.iter().map(|[low, high]| 0.5 * (low[axis] + high[axis])).collect();
+            all.sort_unstable_by(f64::total_cmp);
+            all[last / 2]
+        }));
+        let around = Whereabouts { middle, radius: 0.0 };
+        let mut distances: Vec<f64> = boxes.iter().map(|corners| around.distance(corners)).collect();
+        distances.sort_unstable_by(f64::total_cmp);
+        Some(Whereabouts { radius: distances[(MOST * last as f64) as usize], ..around })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tile(at: DVec3, width: f64) -> [DVec3; 3] {
+        [at, at + DVec3::X * width, at + DVec3::Y * width]
+    }
+
+    #[test]
+    fn a_marker_at_zero_and_a_ground_to_the_horizon_are_far_from_a_building_and_its_town_is_not() {
+        let corner = DVec3::new(500_000.0, 5_000_000.0, 100.0);
+        let mut sample = Sample::default();
+        for i in 0..10_000 {
+            sample.add(&tile(corner + DVec3::new(f64::from(i % 100), f64::from(i / 100), 0.0), 1.0));
+        }
+        let (marker, ground) = (tile(DVec3::ZERO, 1.0), tile(corner, 1e6));
+        sample.add(&marker);
+        sample.add(&ground);
+        let found = sample.whereabouts().unwrap();
+        assert!((20.0..80.0).contains(&found.radius), "{found:?}");
+        assert!(found.is_far(&marker) && found.is_far(&ground));
+        assert!(!found.is_far(&tile(corner + 5000.0, 1.0)));
+    }
+
+    #[test]
+    fn one_face_is_where_the_model_is() {
+        let mut sample = Sample::default();
+        sample.add(&tile(DVec3::splat(7.0), 2.0));
+        let found = sample.whereabouts().unwrap();
+        assert!(found.radius > 0.0 && !found.is_far(&tile(DVec3::splat(7.0), 2.0)), "{found:?}");
+        assert_eq!(Sample::default().whereabouts(), None);
+    }
+}
