@@ -4,8 +4,9 @@ use std::cell::RefCell;
 
 use glam::DVec3;
 
+use super::node::Node;
 use super::scene::{PatchKey, RayScene};
-use super::traverse::{Rank, patch_normal};
+use super::traverse::{Face, PARALLEL, Rank, patch_normal};
 use crate::geom::bounds::Bounds;
 use crate::model::rays::RayPatch;
 
@@ -20,6 +21,9 @@ pub struct Place {
 
 /// Cosine of the largest angle between a point's normal and its surface's: 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
+
+/// Places along and across an element that is looked at for faces that cover it.
+const PLACES: u32 = 16;
 
 /// Distance of a point from a patch: in its plane from its outline (0 inside), and off its plane.
 fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
@@ -50,7 +54,7 @@ impl RayScene<'_> {
             }
             let key = PatchKey { cluster, patch: patch.patch };
             let place = Place { key, side: u8::from(cosine < 0.0) };
-            let rank = Rank::new(place.side == 0, patch.area_m2, key);
+            let rank = self.rank(&Face { key, front: place.side == 0, area_m2: patch.area_m2 });
             // Steps of a quarter of the snap length: coincident faces differ by rounding alone.
             let distance = ((outside + off) / (0.25 * snap_m)).floor();
             let mut best = best.borrow_mut();
@@ -60,5 +64,33 @@ impl RayScene<'_> {
             false
         });
         best.into_inner().map(|(_, _, place)| place)
+    }
+
+    /// Share of an element that is seen: the rest lies under faces that coincide with it.
+    #[must_use]
+    pub fn shown_share(&self, node: &Node) -> f64 {
+        let corners = node.shape.corners();
+        let around = corners.iter().fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
+        let bounds = Bounds { min: around.min - self.snap_m, max: around.max + self.snap_m };
+        let covering: RefCell<Vec<RayPatch>> = RefCell::default();
+        self.any_in_box_of(&bounds, |cluster, patch| {
+            let (key, normal) = (PatchKey { cluster, patch: patch.patch }, patch_normal(patch));
+            let face = Face { key, front: normal.dot(node.normal) > 0.0, area_m2: patch.area_m2 };
+            let coincides = normal.dot(node.normal).abs() > PARALLEL
+                && corners.iter().all(|c| distances(patch, normal, *c).1 <= self.snap_m);
+            if coincides && key != node.end.face.key && self.covers_face(&face, &node.end.face) {
+                covering.borrow_mut().push(*patch);
+            }
+            false
+        });
+        let covering = covering.into_inner();
+        if covering.is_empty() {
+            return 1.0;
+        }
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
+        let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| (i, j)));
+        let is_shown = |point: DVec3| covering.iter().all(|p| distances(p, patch_normal(p), point).0 > 0.0);
+        let shown = places.filter(|&(i, j)| is_shown(node.shape.point(middle(i), middle(j)))).count();
+        shown as f64 / f64::from(PLACES * PLACES)
     }
 }

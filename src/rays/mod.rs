@@ -1,6 +1,7 @@
 //! Rays: box hierarchies built by obvhs, our own edge-safe traversal, shafts. Pure: slices in, hits out.
 
 pub mod build;
+pub mod emitters;
 pub mod locate;
 pub mod node;
 pub mod recent;
@@ -9,5 +10,6 @@ pub mod scene;
 pub mod shaft;
 pub mod traverse;
 
+pub use emitters::Emitters;
 pub use scene::{PatchKey, RayScene};
 pub use traverse::{Hit, RayEnd};

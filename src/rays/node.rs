@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::traverse::Rank;
+use super::traverse::Face;
 use super::{PatchKey, RayEnd};
 use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::geom::polygon::Polygon;
@@ -29,7 +29,8 @@ impl Node {
         let shape = quadtree::patch_polygon(patch);
         let front = shape.normal();
         let key = PatchKey { cluster: cluster.0, patch: u32::from(at.patch) };
-        let end = RayEnd { key, normal: front, rank: Rank::new(at.side == 0, patch.area_m2, key) };
+        let face = Face { key, front: at.side == 0, area_m2: patch.area_m2 };
+        let end = RayEnd { normal: front, face };
         let normal = if at.side == 0 { front } else { -front };
         Self { name: NodeName::root(cluster, at), shape, normal, end }
     }

@@ -1,5 +1,6 @@
 //! The rays' view of a model: the top level, and the clusters' structures in one mapped file.
 
+use super::emitters::Emitters;
 use crate::model::rays::{ClusterRaysView, ClusterRef, RayNode, RayPatch, TopRaysView};
 
 /// A patch anywhere in the model.
@@ -16,19 +17,20 @@ pub struct PatchKey {
 pub struct RayScene<'a> {
     pub(super) top: TopRaysView<'a>,
     file: &'a [u8],
+    /// What is seen first of faces that coincide.
+    pub(super) emitters: &'a Emitters,
     /// Faces this near coincide, m.
     pub(super) snap_m: f64,
-    /// Largest coordinate of any box, m.
-    pub(super) reach_m: f64,
 }
 
 impl<'a> RayScene<'a> {
     /// From the top extent and the whole segment file that it and all clusters' structures lie in;
-    /// what is wrong with them otherwise. `snap_m`: faces this near coincide.
-    pub fn new(top: TopRaysView<'a>, file: &'a [u8], snap_m: f64) -> Result<Self, String> {
-        let root = top.nodes.first().ok_or("the top level of the ray structure is empty")?;
-        let reach_m = root.min_m.iter().chain(&root.max_m).fold(0.0, |m: f64, x| m.max(f64::from(x.abs())));
-        let scene = Self { top, file, snap_m, reach_m };
+    /// what is wrong with them otherwise. `snap_m`: faces this near coincide; of those `emitters` are seen.
+    pub fn new(top: TopRaysView<'a>, file: &'a [u8], emitters: &'a Emitters, snap_m: f64) -> Result<Self, String> {
+        if top.nodes.is_empty() {
+            return Err("the top level of the ray structure is empty".to_owned());
+        }
+        let scene = Self { top, file, emitters, snap_m };
         for at in top.clusters {
             if scene.try_cluster(at).is_none_or(|c| c.nodes.is_empty()) {
                 return Err(format!("the ray structure of cluster {} lies outside its segment", at.cluster));

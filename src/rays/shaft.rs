@@ -9,7 +9,7 @@ use std::rc::Rc;
 use glam::DVec3;
 
 use super::scene::{PatchKey, RayScene};
-use super::traverse::{Rank, RayEnd};
+use super::traverse::{Face, RayEnd};
 use crate::geom::bounds::Bounds;
 use crate::geom::polygon::Polygon;
 use crate::model::rays::{RayNode, RayPatch};
@@ -63,15 +63,18 @@ struct Shaft<'a> {
     bounds: Bounds,
     slack_m: f64,
     snap_m: f64,
+    scene: &'a RayScene<'a>,
 }
 
 impl<'a> Shaft<'a> {
-    fn new(a: ShaftEnd<'a>, b: ShaftEnd<'a>, snap_m: f64) -> Self {
+    fn new(a: ShaftEnd<'a>, b: ShaftEnd<'a>, scene: &'a RayScene<'a>) -> Self {
+        let snap_m = scene.snap_m;
         let corners = a.shape.corners().iter().chain(b.shape.corners());
         let bounds = corners.fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
         // Touching is not blocking: walls that end on the hull may lean in by the rounding of
         // coordinates, which the snap length exceeds many times.
-        let mut shaft = Self { ends: [a, b], planes: Vec::with_capacity(16), bounds, slack_m: snap_m / 8.0, snap_m };
+        let (planes, slack_m) = (Vec::with_capacity(16), snap_m / 8.0);
+        let mut shaft = Self { ends: [a, b], planes, bounds, slack_m, snap_m, scene };
         shaft.support(a.shape, b.shape);
         shaft.support(b.shape, a.shape);
         for end in [a, b] {
@@ -147,7 +150,7 @@ impl<'a> Shaft<'a> {
 
     fn holds(&self, cluster: u32, patch: &RayPatch) -> Part {
         let key = PatchKey { cluster, patch: patch.patch };
-        if self.ends.iter().any(|e| e.end.key == key) {
+        if self.ends.iter().any(|e| e.end.face.key == key) {
             return Part::Outside;
         }
         let count = patch.corner_count as usize;
@@ -157,7 +160,7 @@ impl<'a> Shaft<'a> {
         for e in &self.ends {
             if self.coincides(e, corners, normal) {
                 let front = normal.dot(self.facing(e)) > 0.0;
-                let covers = Rank::new(front, patch.area_m2, key) < e.end.rank;
+                let covers = self.scene.covers_face(&Face { key, front, area_m2: patch.area_m2 }, &e.end.face);
                 return if covers && !self.beside(corners) { Part::Inside } else { Part::Outside };
             }
         }
@@ -169,7 +172,7 @@ impl<'a> Shaft<'a> {
 
     /// The normal of an end's side that looks into the shaft.
     fn facing(&self, e: &ShaftEnd<'_>) -> DVec3 {
-        let other = if e.end.key == self.ends[0].end.key { &self.ends[1] } else { &self.ends[0] };
+        let other = if e.end.face.key == self.ends[0].end.face.key { &self.ends[1] } else { &self.ends[0] };
         let towards = other.shape.centre() - e.shape.centre();
         if towards.dot(e.end.normal) >= 0.0 { e.end.normal } else { -e.end.normal }
     }
@@ -256,7 +259,7 @@ impl<'a> RayScene<'a> {
     /// polygons that hold these.
     #[must_use]
     pub fn shaft(&self, a: ShaftEnd<'_>, b: ShaftEnd<'_>, among: &Blockers<'a>) -> Contents<'a> {
-        let shaft = Shaft::new(a, b, self.snap_m);
+        let shaft = Shaft::new(a, b, self);
         let mut found = Found::default();
         if let Some(among) = among {
             if among.iter().any(|blocker| found.add(&shaft, *blocker)) {
@@ -272,7 +275,7 @@ impl<'a> RayScene<'a> {
     /// the first that does.
     #[must_use]
     pub fn is_free(&self, a: ShaftEnd<'_>, b: ShaftEnd<'_>) -> bool {
-        let shaft = Shaft::new(a, b, self.snap_m);
+        let shaft = Shaft::new(a, b, self);
         !self.any_in_shaft(&shaft, |(cluster, patch)| shaft.holds(cluster, patch) != Part::Outside)
     }
 

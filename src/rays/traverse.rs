@@ -12,28 +12,30 @@ use crate::base::PatchSide;
 use crate::geom::bounds::Bounds;
 use crate::model::rays::{RayNode, RayPatch};
 
-/// Which of several coincident faces a viewer sees: the least. Fronts before backs, then the
-/// smaller (a panel laid on a ceiling), then the first.
+/// Which of several coincident faces a viewer sees: the least. What emits there before what does not (a lamp among
+/// the tiles of a ceiling, however either is divided), fronts before backs, then the smaller (a panel laid on a
+/// ceiling), then the first.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
-pub struct Rank(bool, f32, PatchKey);
+pub struct Rank(bool, bool, f32, PatchKey);
 
-impl Rank {
-    /// Of a patch seen on its front or back.
-    #[must_use]
-    pub fn new(front: bool, area_m2: f32, key: PatchKey) -> Self {
-        Self(!front, area_m2, key)
-    }
+/// A side of a patch as a viewer finds it among coincident faces.
+#[derive(Clone, Copy, Debug)]
+pub struct Face {
+    /// The patch.
+    pub key: PatchKey,
+    /// Whether its front is looked at.
+    pub front: bool,
+    /// Its area, m2.
+    pub area_m2: f32,
 }
 
 /// One end of a segment, on a patch that the segment itself never meets.
 #[derive(Clone, Copy, Debug)]
 pub struct RayEnd {
-    /// The patch.
-    pub key: PatchKey,
-    /// Its unit front normal.
+    /// The patch's unit front normal.
     pub normal: DVec3,
-    /// Its place among coincident faces, for the side that the segment touches.
-    pub rank: Rank,
+    /// The side that the segment touches.
+    pub face: Face,
 }
 
 /// What a ray met first.
@@ -63,13 +65,12 @@ struct Ray {
     along: DVec3,
     box_from: Vec3A,
     box_inverse: Vec3A,
-    box_padding: Vec3A,
+    /// Largest coordinate of its start, m.
+    reach_m: f64,
 }
 
 impl Ray {
-    /// `reach_m`: largest coordinate of any box or start, which bounds the rounding of differences.
-    fn new(from: DVec3, along: DVec3, reach_m: f64) -> Self {
-        let reach_m = reach_m.max(from.abs().max_element());
+    fn new(from: DVec3, along: DVec3) -> Self {
         let safe = |x: f64| if x.abs() < 1e-30 { 1e30_f64.copysign(x) } else { 1.0 / x };
         let inverse = DVec3::new(safe(along.x), safe(along.y), safe(along.z));
         Self {
@@ -77,17 +78,25 @@ impl Ray {
             along,
             box_from: from.as_vec3a(),
             box_inverse: inverse.as_vec3a(),
-            box_padding: (inverse.abs() * (reach_m * 4e-7)).as_vec3a(),
+            reach_m: from.abs().max_element(),
         }
     }
 
-    /// Entry distance into a box if the ray meets it within `from..=to`.
+    /// What boxes are grown by, in lengths of the ray: more than the rounding of differences, which the largest
+    /// coordinate bounds. `root` holds all the boxes: one far off costs the others nothing.
+    #[inline]
+    fn padding(&self, root: &RayNode) -> Vec3A {
+        let largest = Vec3A::from(root.min_m).abs().max(Vec3A::from(root.max_m).abs()).max_element();
+        self.box_inverse.abs() * ((self.reach_m.max(f64::from(largest)) * 4e-7) as f32)
+    }
+
+    /// Entry distance into a box, grown by `padding`, if the ray meets it within `from..=to`.
     #[inline(always)]
-    fn enters(&self, node: &RayNode, from: f32, to: f32) -> Option<f32> {
+    fn enters(&self, node: &RayNode, padding: Vec3A, from: f32, to: f32) -> Option<f32> {
         let a = (Vec3A::from(node.min_m) - self.box_from) * self.box_inverse;
         let b = (Vec3A::from(node.max_m) - self.box_from) * self.box_inverse;
-        let near = (a.min(b) - self.box_padding).max_element().max(from);
-        let far = (a.max(b) + self.box_padding).min_element().min(to);
+        let near = (a.min(b) - padding).max_element().max(from);
+        let far = (a.max(b) + padding).min_element().min(to);
         (near <= far).then_some(near)
     }
 
@@ -128,7 +137,7 @@ pub fn patch_normal(patch: &RayPatch) -> DVec3 {
 }
 
 /// Cosine above which two planes count as parallel (2.5 degrees).
-const PARALLEL: f64 = 0.999;
+pub(super) const PARALLEL: f64 = 0.999;
 
 impl RayScene<'_> {
     /// Visits every patch that the ray crosses within `low..=limit`, near boxes first; `met` may
@@ -157,6 +166,18 @@ impl RayScene<'_> {
         }
     }
 
+    /// A side's place among those that coincide with it.
+    #[must_use]
+    pub fn rank(&self, face: &Face) -> Rank {
+        Rank(!self.emitters.emits(face.key, face.front), !face.front, face.area_m2, face.key)
+    }
+
+    /// Whether, of two sides that coincide, `face` is what is seen.
+    #[must_use]
+    pub fn covers_face(&self, face: &Face, other: &Face) -> bool {
+        self.rank(face) < self.rank(other)
+    }
+
     /// How far beyond its end a ray must look for faces that coincide with it.
     fn reach(&self, along: DVec3, end: &RayEnd) -> f64 {
         let speed = along.dot(end.normal).abs();
@@ -178,18 +199,21 @@ impl RayScene<'_> {
         let coincide = (gap * along.dot(end.normal)).abs() <= self.snap_m && normal.dot(end.normal).abs() > PARALLEL;
         coincide.then(|| {
             let front = (normal.dot(along) > 0.0) == leaving;
-            Rank::new(front, patch.area_m2, PatchKey { cluster, patch: patch.patch }) < end.rank
+            self.covers_face(
+                &Face { key: PatchKey { cluster, patch: patch.patch }, front, area_m2: patch.area_m2 },
+                &end.face,
+            )
         })
     }
 
     /// Whether anything lies between two points on two patches; neither patch counts. `among`: all that may.
     #[must_use]
     pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd, among: &Blockers<'_>) -> bool {
-        let ray = Ray::new(from, to - from, self.reach_m);
+        let ray = Ray::new(from, to - from);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
         let blocks = |cluster: u32, patch: &RayPatch, t: f64| {
             let key = PatchKey { cluster, patch: patch.patch };
-            if key == start.key || key == end.key {
+            if key == start.face.key || key == end.face.key {
                 return false;
             }
             if t <= before
@@ -221,7 +245,7 @@ impl RayScene<'_> {
     #[must_use]
     pub fn blocked_between(&self, from: DVec3, to: DVec3) -> bool {
         let mut blocked = false;
-        self.visit(&Ray::new(from, to - from, self.reach_m), 0.0, 1.0, |_, _, t, _| {
+        self.visit(&Ray::new(from, to - from), 0.0, 1.0, |_, _, t, _| {
             blocked = t > 0.0 && t < 1.0;
             blocked
         });
@@ -271,14 +295,14 @@ impl RayScene<'_> {
     /// `Covered` if the start itself lies under another face.
     #[must_use]
     pub fn nearest(&self, from: DVec3, along: DVec3, start: Option<&RayEnd>) -> Nearest {
-        let ray = Ray::new(from, along, self.reach_m);
+        let ray = Ray::new(from, along);
         let before = start.map_or(0.0, |s| self.reach(along, s));
         let mut covered = false;
-        let mut best: Option<(Hit, Rank)> = None;
+        let mut best: Option<(Hit, Face)> = None;
         self.visit(&ray, -before, f64::INFINITY, |cluster, patch, t, limit| {
             let key = PatchKey { cluster, patch: patch.patch };
             if let Some(start) = start {
-                if key == start.key {
+                if key == start.face.key {
                     return false;
                 }
                 if t <= before
@@ -294,20 +318,20 @@ impl RayScene<'_> {
             let normal = patch_normal(patch);
             let speed = normal.dot(along);
             let hit = Hit { key, normal, front: speed < 0.0, t };
-            let rank = Rank::new(hit.front, patch.area_m2, key);
+            let face = Face { key, front: hit.front, area_m2: patch.area_m2 };
             // Faces within the snap length of the nearest compete by rank; others by distance.
             let slack = 2.0 * self.snap_m / speed.abs().max(1e-6 * along.length());
-            let wins = best.as_ref().is_none_or(|(other, other_rank)| {
+            let wins = best.as_ref().is_none_or(|(other, other_face)| {
                 let gap = (t - other.t) * speed.abs();
                 if gap.abs() <= self.snap_m && normal.dot(other.normal).abs() > PARALLEL {
-                    rank < *other_rank
+                    self.covers_face(&face, other_face)
                 } else {
-                    t < other.t || (t == other.t && rank < *other_rank)
+                    t < other.t || (t == other.t && self.covers_face(&face, other_face))
                 }
             });
             if wins {
                 *limit = t + slack;
-                best = Some((hit, rank));
+                best = Some((hit, face));
             }
             false
         });
@@ -338,6 +362,7 @@ struct Stack<'a, 'w> {
     nodes: &'a [RayNode],
     waiting: &'w mut [(u32, f32); DEPTH],
     count: usize,
+    padding: Vec3A,
     low: f32,
 }
 
@@ -350,8 +375,9 @@ impl<'a, 'w> Stack<'a, 'w> {
     #[inline(always)]
     fn new(waiting: &'w mut [(u32, f32); DEPTH], ray: &Ray, nodes: &'a [RayNode], low: f64, limit: f64) -> Self {
         let low = -rounded_up(-low);
-        let mut stack = Self { nodes, waiting, count: 0, low };
-        if let Some(near) = ray.enters(&nodes[0], low, rounded_up(limit)) {
+        let padding = ray.padding(&nodes[0]);
+        let mut stack = Self { nodes, waiting, count: 0, padding, low };
+        if let Some(near) = ray.enters(&nodes[0], padding, low, rounded_up(limit)) {
             stack.push(0, near);
         }
         stack
@@ -377,8 +403,8 @@ impl<'a, 'w> Stack<'a, 'w> {
             if node.count > 0 {
                 return Some(node);
             }
-            let left = ray.enters(&self.nodes[node.first as usize], self.low, limit);
-            let right = ray.enters(&self.nodes[node.first as usize + 1], self.low, limit);
+            let left = ray.enters(&self.nodes[node.first as usize], self.padding, self.low, limit);
+            let right = ray.enters(&self.nodes[node.first as usize + 1], self.padding, self.low, limit);
             match (left, right) {
                 (Some(l), Some(r)) if l <= r => {
                     self.push(node.first + 1, r);

@@ -40,6 +40,8 @@ pub struct Settings {
     pub seed: u64,
     /// Which sources to link.
     pub scope: Scope,
+    /// Whether nothing in the model emits: then there is nothing to link.
+    pub is_dark: bool,
     /// Whether links are kept in the store.
     pub keep_links: bool,
     /// Bytes of decoded links held in memory: never changes the result.
@@ -158,7 +160,10 @@ impl<'a, 's> GroupSolver<'a, 's> {
             sources: &self.sources,
             progress: self.progress,
         };
-        let (visible, head) = self.set.visible(id)?;
+        let (mut visible, head) = self.set.visible(id)?;
+        if self.settings.is_dark {
+            visible.clear();
+        }
         let mut receiver = Receiver::new(view, mesh, rows);
         receiver.refine(&context, &visible)?;
         let was_sealed = |leaf: NodeName| known.get(&leaf.0).is_some_and(closure::is_sealed);
@@ -258,12 +263,18 @@ impl<'a, 's> GroupSolver<'a, 's> {
         for element in member.mesh.elements.iter().filter(|e| e.is_leaf()) {
             let at = element.name.patch_side();
             let material = &member.materials[at.index()];
-            add(&mut report.emitted_w, Rgb::from_f32(material.exitance) * element.area_m2);
+            let exitance = Rgb::from_f32(material.exitance);
+            if exitance.is_black() && element.irradiance.is_black() {
+                continue;
+            }
+            let leaf = Node::at(view.id, &view.geometry.patches[usize::from(at.patch)], element.name);
+            if !exitance.is_black() {
+                add(&mut report.emitted_w, exitance * (element.area_m2 * self.cuts.scene().shown_share(&leaf)));
+            }
             if element.irradiance.is_black() {
                 continue;
             }
             let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
-            let leaf = Node::at(view.id, &view.geometry.patches[usize::from(at.patch)], element.name);
             let open = seal::open_share(&self.cuts, self.set, &leaf, self.settings.seed)?;
             add(&mut report.absorbed_w, absorbed * (element.area_m2 * open));
         }

@@ -74,6 +74,9 @@ pub struct Summary {
     pub escaped_w: Option<[f64; 3]>,
     /// Largest channel of |emitted - absorbed - escaped| / emitted.
     pub energy_balance: Option<f64>,
+    /// Whether the light no longer changes and yet does not add up.
+    #[serde(skip)]
+    pub is_unbalanced: bool,
     /// The command to type next.
     pub next: Option<String>,
 }
@@ -226,6 +229,7 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         absorbed_w: f.as_ref().map(|f| f.absorbed_w),
         escaped_w: f.as_ref().map(|f| f.escaped_w),
         energy_balance: f.as_ref().map(|f| f.energy_balance),
+        is_unbalanced: f.as_ref().is_some_and(is_unbalanced),
         next: Some(next),
     })
 }
@@ -233,6 +237,15 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
 /// A branch has converged when what is left is below this part of the tolerance. Sweeps over stored links are
 /// cheap, and where reflectance is high the rest is a bias of everything alike.
 const STOP: f64 = 25.0;
+
+/// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
+const BALANCED: f64 = 0.01;
+
+/// Whether light no longer changes though its balance shows that it is wrong: more iterations do not mend that.
+#[must_use]
+pub fn is_unbalanced(figures: &VersionFigures) -> bool {
+    figures.energy_balance > BALANCED && figures.predicted_error <= figures.tolerance / STOP
+}
 
 /// Figures of the iteration that ends with the updates `now` on top of `base`.
 fn figures(
@@ -258,8 +271,9 @@ fn figures(
     let count = |part: fn(&TaskReport) -> u64| reports.iter().map(|r| part(r)).sum();
     let lit_area: f64 = reports.iter().map(|r| r.lit_area_m2).sum();
     let unlinked_area: f64 = reports.iter().map(|r| r.unlinked_area_m2).sum();
+    let energy_balance = energy_balance(emitted_w, absorbed_w, escaped_w);
     Ok(VersionFigures {
-        converged: complete && predicted_error <= tolerance / STOP,
+        converged: complete && predicted_error <= tolerance / STOP && energy_balance <= BALANCED,
         tolerance,
         residual,
         contraction,
@@ -267,7 +281,7 @@ fn figures(
         emitted_w,
         absorbed_w,
         escaped_w,
-        energy_balance: energy_balance(emitted_w, absorbed_w, escaped_w),
+        energy_balance,
         elements: count(|r| r.elements),
         links_evaluated: count(|r| r.links_evaluated),
         links_stored: count(|r| r.links_stored),

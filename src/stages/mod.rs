@@ -15,6 +15,7 @@ pub mod merge;
 pub mod output;
 pub mod partition;
 pub mod point_light;
+pub mod ray_scene;
 pub mod render;
 pub mod run;
 pub mod sample;

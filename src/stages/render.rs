@@ -13,14 +13,13 @@ use super::entry;
 use super::leaves;
 use super::output::{self, Output};
 use super::point_light::PointLight;
+use super::ray_scene::SceneFiles;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
 use crate::geom::bounds::Bounds;
 use crate::geom::quadtree;
-use crate::model::rays::TopRaysView;
-use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
@@ -219,9 +218,8 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
                     let store = Store::open(&dir, wait)?;
                     let set = WorkingSet::open(&store, version)?;
                     let min_element_m = tolerances::min_element_m(&store, version, facts)?;
-                    let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(&dir, "no ray structure"))?;
-                    let view = top.parse(TopRaysView::parse)?;
-                    let scene = RayScene::new(view, &file, facts.snap_m).map_err(|e| top.damage(e))?;
+                    let files = SceneFiles::open(set.snapshot())?;
+                    let scene = files.scene()?;
                     let cuts = Cuts::new(scene, min_element_m);
                     let mut eye = Eye::new(&set, &cuts, facts, options);
                     loop {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::children::{self, Ended, LOOK, Running, Used};
-use super::{merge, solve_group};
+use super::{ingest, merge, solve_group};
 use crate::base::{Error, Progress, Result};
 use crate::model::order::UpdateOrder;
 use crate::store::merging::TaskState;
@@ -73,6 +73,10 @@ pub struct Summary {
     pub emitters: u64,
     /// Area, each patch once, m2.
     pub area_m2: f64,
+    /// The vertical.
+    pub up: char,
+    /// Whether what speaks for it is clear, or it was given.
+    pub up_is_sure: bool,
     /// Worker processes.
     pub workers: usize,
     /// Largest anonymous memory of the coordinator, bytes.
@@ -86,7 +90,8 @@ pub struct Summary {
 
 impl super::summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
-        let mut lines = vec![format!("{} patches in {} clusters, {:.1} m2", self.patches, self.clusters, self.area_m2)];
+        let model = format!("{} patches in {} clusters, {:.1} m2", self.patches, self.clusters, self.area_m2);
+        let mut lines = vec![format!("{model}, {}", ingest::vertical_line(self.up, self.up_is_sure))];
         lines.extend(super::summary::Summary::lines(&self.solution));
         lines
     }
@@ -100,6 +105,15 @@ impl super::summary::Summary for Summary {
             return Some(Error::NotConverged {
                 message: format!("groups {} failed: their workers died", merge::names(&self.failed_groups)),
                 help: "run the same command again; if they fail again, give more `--memory`".to_owned(),
+            });
+        }
+        if let (true, Some(balance)) = (self.solution.is_unbalanced, self.solution.energy_balance) {
+            return Some(Error::NotConverged {
+                message: format!(
+                    "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
+                    100.0 * balance
+                ),
+                help: "run again with a smaller `--tolerance`, or a finer `--quality`".to_owned(),
             });
         }
         (!self.solution.converged).then(|| Error::NotConverged {
@@ -139,7 +153,10 @@ pub fn execute(plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
     store.forgive_deaths()?;
     let (branch, failed_groups) = coordinator.iterate()?;
     let facts = store.facts()?;
+    let (up, up_is_sure) = ingest::vertical(&store)?;
     Ok(Summary {
+        up,
+        up_is_sure,
         solution: merge::summarise(&store, branch, 0)?,
         patches: facts.patches,
         clusters: facts.clusters,
@@ -201,6 +218,13 @@ impl Coordinator<'_> {
     /// those groups.
     fn iterate(&mut self) -> Result<(u64, Vec<u32>)> {
         let settings = self.options.solve.settings();
+        if let Some(version) = self.options.solve.version
+            && !self.store.has_ingested_materials(version)?
+        {
+            self.progress.warn(&format!(
+                "version {version} has other materials than the model has now: what follows from it keeps those"
+            ));
+        }
         loop {
             let iteration = self.store.open_iteration(self.options.solve.version, &settings)?;
             let branch = iteration.branch;
@@ -216,6 +240,10 @@ impl Coordinator<'_> {
             self.record(branch, started.elapsed().as_secs_f64(), before)?;
             self.store.forget_old_versions(self.options.keep)?;
             self.store.drop_unreferenced_segments()?;
+            let end = self.store.newest_end_of_branch(branch)?;
+            if self.store.version_figures(end)?.as_ref().is_some_and(merge::is_unbalanced) {
+                return Ok((branch, Vec::new()));
+            }
         }
     }
 

@@ -6,12 +6,11 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::point_light::PointLight;
+use super::ray_scene::SceneFiles;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{Error, Progress, Result, Rgb, lux};
 use crate::formats::points::SensorPoint;
-use crate::model::rays::TopRaysView;
-use crate::rays::RayScene;
 use crate::rays::region::Cuts;
 use crate::store::Store;
 
@@ -52,9 +51,9 @@ pub fn execute(
     let version = options.version.map_or_else(|| store.newest_iteration_end(), Ok)?;
     let set = WorkingSet::open(store, version)?;
     let facts = store.facts()?;
-    let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
-    let scene = RayScene::new(top.parse(TopRaysView::parse)?, &file, facts.snap_m).map_err(|e| top.damage(e))?;
-    let snap_m = options.snap_m.unwrap_or(1e-5 * facts.diagonal_m());
+    let files = SceneFiles::open(set.snapshot())?;
+    let scene = files.scene()?;
+    let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     let min_element_m = tolerances::min_element_m(store, version, &facts)?;
     let cuts = Cuts::new(scene, min_element_m);
     let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);

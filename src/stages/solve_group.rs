@@ -5,17 +5,16 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::group_solver::{GroupSolver, Settings};
+use super::ray_scene::SceneFiles;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
 use crate::model::light::ElementLight;
 use crate::model::order::UpdateOrder;
-use crate::model::rays::TopRaysView;
 use crate::model::report::TaskReport;
 pub use crate::partition::schedule::Policy;
 use crate::partition::schedule::{self, Candidate};
-use crate::rays::RayScene;
 use crate::rays::region::Cuts;
 use crate::store::iterations::{Iteration, SolveSettings};
 use crate::store::stage_rows::hash;
@@ -315,8 +314,8 @@ fn solve(
     let base = store
         .version(lease.base_version)?
         .ok_or_else(|| Error::damaged(store.dir(), format!("no version {}", lease.base_version)))?;
-    let (top, file) = store.ray_top()?.ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
-    let scene = RayScene::new(top.parse(TopRaysView::parse)?, &file, plan.facts.snap_m).map_err(|e| top.damage(e))?;
+    let files = SceneFiles::open(set.snapshot())?;
+    let scene = files.scene()?;
     let inner = match options.inner {
         InnerOption::Gathers(count) => Inner::Gathers(count),
         InnerOption::Converge => {
@@ -328,6 +327,7 @@ fn solve(
         inner,
         seed: options.seed,
         scope: if base.iteration == 0 { Scope::Lights } else { Scope::Everything },
+        is_dark: files.is_dark(),
         keep_links: options.keep_links,
         link_cache_bytes: options.link_cache_bytes,
     };

@@ -8,13 +8,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::Serialize;
 
+use super::ray_scene::SceneFiles;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
 use crate::model::layout::ArraysBuilder;
-use crate::model::rays::TopRaysView;
 use crate::model::visibility::{VisibilityHead, VisibleCluster};
-use crate::rays::RayScene;
 use crate::store::partition_rows::VisibilityRow;
 use crate::store::stage_rows::hash;
 use crate::store::{SegmentWriter, Stage, StageRecord, Store};
@@ -178,9 +177,8 @@ fn look(
                     let work = || -> Result<()> {
                         let store = Store::open(&dir, wait)?;
                         let set = WorkingSet::open(&store, version)?;
-                        let (top, file) = store.ray_top()?.ok_or_else(|| no_rays(&store))?;
-                        let view = top.parse(TopRaysView::parse)?;
-                        let scene = RayScene::new(view, &file, store.facts()?.snap_m).map_err(|e| top.damage(e))?;
+                        let files = SceneFiles::open(set.snapshot())?;
+                        let scene = files.scene()?;
                         loop {
                             let at = next.fetch_add(1, Ordering::Relaxed) as usize;
                             let Some(&id) = ids.get(at) else { return Ok(()) };
@@ -229,10 +227,6 @@ fn look(
         ));
     }
     Ok(figures)
-}
-
-fn no_rays(store: &Store) -> Error {
-    Error::damaged(store.dir(), "the model has no ray structure")
 }
 
 /// Lists of the clusters `first..=last`: what each saw, and 0 for what saw it and it did not see.

@@ -172,7 +172,8 @@ pub fn solve(store: &Store, lease: &Lease, worker: &mut Worker<'_>, irradiance: 
         let at = worker.segment.append(ExtentKind::Radiosity, cluster.0, &light(cluster.0, irradiance)).unwrap();
         rows.push(UpdateRow { cluster, kind: ExtentKind::Radiosity, delta: false, at });
     }
-    let report = TaskReport { complete: true, q_max: 0.5, emitted_w: [1.0; 3], ..TaskReport::default() };
+    let report =
+        TaskReport { complete: true, q_max: 0.5, emitted_w: [1.0; 3], absorbed_w: [1.0; 3], ..TaskReport::default() };
     store.publish(lease, worker, &rows, &report).unwrap()
 }
 

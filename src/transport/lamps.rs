@@ -91,7 +91,7 @@ impl Receiver<'_> {
     /// Links `r` (element `at` of the mesh) to a lamp, as finely as the oracle asks for.
     fn link_lamp(&mut self, context: &Context<'_>, view: &ClusterView<'_>, at: usize, r: &Node, lamp: &Bundle) {
         if let Some(s) = lamp.as_element() {
-            if r.end.key != s.end.key {
+            if r.end.face.key != s.end.face.key {
                 self.link(context, view, at, r, s, &sight::Known::stored(Visibility::Partial));
             }
             return;

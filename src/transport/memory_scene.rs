@@ -28,6 +28,7 @@ use crate::model::light::{LightView, NEVER};
 use crate::model::links::LeafClosure;
 use crate::model::rays::{ClusterRef, TopRaysView};
 use crate::rays::RayScene;
+use crate::rays::emitters::NO_EMITTERS;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 
@@ -144,7 +145,7 @@ impl MemoryScene {
     /// What rays can meet.
     pub fn rays(&self) -> RayScene<'_> {
         let top = TopRaysView { nodes: &self.nodes, clusters: &self.refs };
-        RayScene::new(top, bytemuck::cast_slice(&self.file), 1e-5).expect("laid out by `new`")
+        RayScene::new(top, bytemuck::cast_slice(&self.file), &NO_EMITTERS, 1e-5).expect("laid out by `new`")
     }
 
     /// One iteration over the whole model as one group.

@@ -93,7 +93,10 @@ impl Receiver<'_> {
                 for &i in chosen {
                     let r = &sides[i];
                     let r_side = r.name.patch_side().index();
-                    if r.end.key == s.end.key || !r.faces(&s, slack) || !linked.insert((r_side, side_key(name))) {
+                    if r.end.face.key == s.end.face.key
+                        || !r.faces(&s, slack)
+                        || !linked.insert((r_side, side_key(name)))
+                    {
                         continue;
                     }
                     self.link(context, &view, r_side, r, &s, &Known::stored(Visibility::Partial));
