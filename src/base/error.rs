@@ -5,6 +5,8 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use super::text::{for_shell, shown};
+
 /// The result of everything that can fail outside our control.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -81,7 +83,7 @@ impl Error {
     #[must_use]
     pub fn io(path: &Path, source: &std::io::Error) -> Self {
         Self::failed(
-            format!("{}: {source}", path.display()),
+            format!("{}: {source}", shown(path)),
             "check that the path exists, that you may use it, and that the disk has room",
         )
     }
@@ -102,7 +104,7 @@ impl Error {
             | Self::StageMissing { help, .. }
             | Self::TooLarge { help, .. } => help.clone(),
             Self::NoStore { store } => {
-                format!("make one with `clerestory ingest {} MODEL.obj`, or name another store", store.display())
+                format!("make one with `clerestory ingest {} MODEL.obj`, or name another store", for_shell(store))
             }
             Self::Busy { .. } => "wait for it to end, or give `--wait SECONDS`".to_owned(),
             Self::Damaged { .. } => {
@@ -137,9 +139,9 @@ impl fmt::Display for Error {
             | Self::NotConverged { message, .. }
             | Self::StageMissing { message, .. }
             | Self::TooLarge { message, .. } => f.write_str(message),
-            Self::NoStore { store } => write!(f, "{}: no store here", store.display()),
-            Self::Busy { store, holder } => write!(f, "{}: busy, held by {holder}", store.display()),
-            Self::Damaged { path, detail } => write!(f, "{}: damaged: {detail}", path.display()),
+            Self::NoStore { store } => write!(f, "{}: no store here", shown(store)),
+            Self::Busy { store, holder } => write!(f, "{}: busy, held by {holder}", shown(store)),
+            Self::Damaged { path, detail } => write!(f, "{}: damaged: {detail}", shown(path)),
             Self::Interrupted => f.write_str("interrupted"),
         }
     }

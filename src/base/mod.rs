@@ -1,10 +1,11 @@
-//! Words every other room uses: names, colours, units, errors, progress, memory.
+//! Words every other room uses: names, colours, units, errors, progress, memory, text of bytes.
 
 pub mod error;
 pub mod memory;
 pub mod name;
 pub mod progress;
 pub mod rgb;
+pub mod text;
 
 pub use error::{Error, Result};
 pub use name::{ClusterId, NodeKind, NodeName, PatchSide};

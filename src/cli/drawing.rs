@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::args::ProgressMode;
 use crate::base::Progress;
+use crate::base::text::harmless;
 
 /// Between two plain lines.
 const PLAIN_PERIOD: Duration = Duration::from_secs(30);
@@ -121,7 +122,7 @@ impl Progress for Drawing {
         }
         let text = match self.style {
             Style::Events => serde_json::json!({"message_type": "warning", "message": message}).to_string(),
-            _ => format!("warning: {message}"),
+            _ => format!("warning: {}", harmless(message)),
         };
         match self.lock().as_ref().and_then(|p| p.bar.as_ref()) {
             Some(bar) => bar.suspend(|| self.say(&text)),

@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::drawing::{bytes, span};
 use super::resources::Figures;
 use crate::base::Error;
+use crate::base::text::harmless;
 use crate::stages::summary::Summary;
 
 /// A verb's result, whatever the verb.
@@ -122,7 +123,7 @@ pub fn print_error(error: &Error, as_json: bool) {
     let mut stderr = std::io::stderr().lock();
     let (message, help) = (error.to_string(), error.remedy());
     // Nobody is left to tell if stderr is gone.
-    let _ = writeln!(stderr, "error: {message}\nhelp: {help}");
+    let _ = writeln!(stderr, "error: {}\nhelp: {}", harmless(&message), harmless(&help));
     if as_json {
         let document =
             json!({"message_type": "exit_error", "code": error.exit_code(), "message": message, "help": help});
