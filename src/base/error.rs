@@ -70,6 +70,8 @@ pub enum Error {
     },
     /// 130: interrupted; the same command resumes.
     Interrupted,
+    /// 0: whoever read what is written has seen enough; nobody is left to tell.
+    ReaderGone,
 }
 
 impl Error {
@@ -79,9 +81,12 @@ impl Error {
         Self::Failed { message: message.into(), help: help.into() }
     }
 
-    /// An I/O failure on a path.
+    /// An I/O failure on a path. A pipe that breaks is our output, whose reader has seen enough.
     #[must_use]
     pub fn io(path: &Path, source: &std::io::Error) -> Self {
+        if source.kind() == std::io::ErrorKind::BrokenPipe {
+            return Self::ReaderGone;
+        }
         Self::failed(
             format!("{}: {source}", shown(path)),
             "check that the path exists, that you may use it, and that the disk has room",
@@ -111,6 +116,7 @@ impl Error {
                 "run `clerestory check STORE` to see all damages, then redo the stage with `--fresh`".to_owned()
             }
             Self::Interrupted => "run the same command again: it resumes".to_owned(),
+            Self::ReaderGone => "nothing is left to do".to_owned(),
         }
     }
 
@@ -127,6 +133,7 @@ impl Error {
             Self::StageMissing { .. } => 13,
             Self::TooLarge { .. } => 14,
             Self::Interrupted => 130,
+            Self::ReaderGone => 0,
         }
     }
 }
@@ -143,6 +150,7 @@ impl fmt::Display for Error {
             Self::Busy { store, holder } => write!(f, "{}: busy, held by {holder}", shown(store)),
             Self::Damaged { path, detail } => write!(f, "{}: damaged: {detail}", shown(path)),
             Self::Interrupted => f.write_str("interrupted"),
+            Self::ReaderGone => f.write_str("whoever read the output has gone away"),
         }
     }
 }

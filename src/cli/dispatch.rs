@@ -19,6 +19,7 @@ use super::summaries::{self, WithNext};
 use super::values::Inner;
 use super::{args::GcArgs, pages};
 use crate::base::memory::MemoryBudget;
+use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Progress, Result};
 use crate::model::order::UpdateOrder;
 use crate::stages::output::{self, Output};
@@ -148,7 +149,7 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
     }
     let summary = visibility::execute(&visibility::plan(&store, &options)?, context.progress)?;
     remember(context, "visibility", &args.store, common.wait)?;
-    let next = Some(format!("clerestory partition {}", args.store.display()));
+    let next = Some(format!("clerestory partition {}", for_shell(&args.store)));
     let lines = summaries::visibility(&summary);
     Ok(Report::of("visibility", args.store, &WithNext { summary, next, lines }))
 }
@@ -175,7 +176,7 @@ fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> 
     }
     let summary = partition::execute(&partition::plan(&store, &options)?, context.progress)?;
     remember(context, "partition", &args.store, common.wait)?;
-    let next = Some(format!("clerestory solve-group {} --until-done", args.store.display()));
+    let next = Some(format!("clerestory solve-group {} --until-done", for_shell(&args.store)));
     let lines = summaries::partition(&summary);
     Ok(Report::of("partition", args.store, &WithNext { summary, next, lines }))
 }
@@ -325,7 +326,7 @@ fn do_run(args: &RunArgs, common: &Common, context: &Context<'_>) -> Result<Repo
 
 /// A child's command as a person would type it.
 fn command_line(words: &[OsString]) -> String {
-    let words: Vec<_> = words.iter().map(|w| w.to_string_lossy()).collect();
+    let words: Vec<_> = words.iter().map(for_shell).collect();
     format!("clerestory {}", words.join(" "))
 }
 
@@ -373,7 +374,7 @@ fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result
     };
     let plan = render::plan(&store, &options)?;
     if args.output.dry_run {
-        let text = format!("draw version {} in {}", plan.version, args.output.output.display());
+        let text = format!("draw version {} in {}", plan.version, shown(&args.output.output));
         return Ok(Report::plan("render", args.store, &text));
     }
     let _process = entry::enter(&store, "render", Some(plan.version))?;
@@ -388,7 +389,7 @@ fn do_export(args: ExportArgs, common: &Common, context: &Context<'_>) -> Result
         export::Options { output: args.output.output.clone(), force: args.output.force, version: args.version };
     let plan = export::plan(&store, &options)?;
     if args.output.dry_run {
-        let text = format!("write version {} to {}", plan.version, args.output.output.display());
+        let text = format!("write version {} to {}", plan.version, shown(&args.output.output));
         return Ok(Report::plan("export", args.store, &text));
     }
     let _process = entry::enter(&store, "export", Some(plan.version))?;

@@ -29,7 +29,7 @@ pub fn run() -> ExitCode {
     let line: Vec<OsString> = std::env::args_os().collect();
     let as_json = line.iter().any(|a| a == "--json");
     match work(&line) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) | Err(Error::ReaderGone) => ExitCode::SUCCESS,
         Err(error) => {
             report::print_error(&error, as_json);
             ExitCode::from(error.exit_code())

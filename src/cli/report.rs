@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::drawing::{bytes, span};
 use super::resources::Figures;
 use crate::base::Error;
-use crate::base::text::harmless;
+use crate::base::text::{harmless, shown};
 use crate::stages::summary::Summary;
 
 /// A verb's result, whatever the verb.
@@ -80,7 +80,7 @@ impl Report {
         let mut document = Map::new();
         let mut put = |key: &str, value: Value| document.insert(key.to_owned(), value);
         put("command", json!(self.verb));
-        put("store", json!(self.store));
+        put("store", json!(self.store.as_ref().map(shown)));
         put("version_of_program", json!(env!("CARGO_PKG_VERSION")));
         put("wall_s", json!(figures.wall_s));
         put("cpu_s", json!(figures.cpu_s));
@@ -101,7 +101,7 @@ impl Report {
     /// The lines for people, figures and next command included.
     #[must_use]
     pub fn text(&self, figures: &Figures) -> String {
-        let mut out: String = self.lines.iter().map(|line| format!("{line}\n")).collect();
+        let mut out: String = self.lines.iter().map(|line| format!("{}\n", harmless(line))).collect();
         out += &format!(
             "Done in {} (CPU {}, peak {} anonymous, {} resident; {} read, {} written).\n",
             span(figures.wall_s),

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use super::args::{Common, RunArgs};
 use super::dispatch::{cores, solve_options};
 use super::settings::{self, Resolved, Setting};
+use crate::base::text::for_shell;
 use crate::base::{Error, Result};
 use crate::stages::{run, solve_group};
 
@@ -19,7 +20,7 @@ pub fn options(args: &RunArgs, common: &Common, resolved: &Resolved) -> Result<r
     if args.writing.fresh && args.models.is_empty() {
         return Err(Error::Usage {
             message: "`--fresh` empties the store, and no model is given to fill it".to_owned(),
-            help: format!("name the models: `clerestory run MODEL.obj --store {} --fresh`", store.display()),
+            help: format!("name the models: `clerestory run MODEL.obj --store {} --fresh`", for_shell(&store)),
         });
     }
     let own = resolved.settings("run");
@@ -30,6 +31,9 @@ pub fn options(args: &RunArgs, common: &Common, resolved: &Resolved) -> Result<r
     };
     let ingest = (!args.models.is_empty()).then(|| {
         let mut line = command("ingest");
+        if let Some(materials) = &args.ingest.materials {
+            line.extend(["--materials".into(), materials.clone().into()]);
+        }
         line.extend(args.models.iter().map(|m| m.clone().into()));
         if args.writing.fresh {
             line.push("--fresh".into());
@@ -68,8 +72,8 @@ fn handed_on(own: &[Setting], verb: &str) -> Vec<OsString> {
     for setting in own {
         let flag = match (verb, setting.flag.as_str()) {
             ("partition", "partition") => "method",
-            // On `run` this one is visibility's.
-            ("partition", "method") | (_, "progress") => continue,
+            // On `run` the first is visibility's; a path is bytes, which a value is not.
+            ("partition", "method") | (_, "progress" | "materials") => continue,
             (_, flag) => flag,
         };
         if flags.iter().any(|f| f == flag) {

@@ -13,6 +13,7 @@ use clap::{ArgAction, ArgMatches, Command, CommandFactory};
 use serde::Serialize;
 
 use super::args::Cli;
+use crate::base::text::shown;
 use crate::base::{Error, Result};
 pub use crate::stages::settings::STAGES;
 use crate::stages::settings::recorded;
@@ -163,8 +164,9 @@ pub fn store_of(matches: &ArgMatches) -> Option<PathBuf> {
 /// In the current folder, after the model: `office.obj` -> `office.clr`.
 #[must_use]
 pub fn default_store(model: &Path) -> PathBuf {
-    let stem = model.file_stem().unwrap_or_default().to_string_lossy();
-    PathBuf::from(format!("{stem}.clr"))
+    let mut name = model.file_stem().unwrap_or_default().to_os_string();
+    name.push(".clr");
+    PathBuf::from(name)
 }
 
 /// What a verb calls a stage's flag, if it has it.
@@ -181,7 +183,7 @@ fn flag_on(verb: &str, stage: &str, flag: &str) -> Option<String> {
 fn file_values(path: &Path, command: &Command, verb: &str) -> Result<BTreeMap<String, String>> {
     let Ok(text) = std::fs::read_to_string(path) else { return Ok(BTreeMap::new()) };
     let wrong = |what: String| Error::Usage {
-        message: format!("{}: {what}", path.display()),
+        message: format!("{}: {what}", shown(path)),
         help: "write flags without dashes, like `link-cache = \"32M\"`".to_owned(),
     };
     let table: toml::Table = text.parse().map_err(|e: toml::de::Error| wrong(e.message().to_owned()))?;

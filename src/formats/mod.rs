@@ -2,6 +2,7 @@
 
 pub mod glb;
 pub mod leaf_csv;
+pub mod lines;
 pub mod mtl;
 pub mod obj;
 pub mod picture;

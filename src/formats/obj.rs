@@ -2,16 +2,15 @@
 //! size.
 //!
 //! Records come one at a time in file order; nothing is kept but the current line and the counts
-//! that relative indices need.
+//! that relative indices need. Names are bytes.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::io::Read;
+use std::path::Path;
 
+use super::lines::{HELP, LineReader, number, words};
+use crate::base::text::shown_name;
 use crate::base::{Error, Result};
-
-/// Longest line that is read, bytes: a polygon of about a million corners.
-const LONGEST_LINE: usize = 16 << 20;
 
 /// A corner of a face: positions within the file, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,53 +37,40 @@ pub enum Record<'a> {
     /// `f` that names no polygon, and why not.
     BadFace(String),
     /// `o`: its name.
-    Object(String),
+    Object(Vec<u8>),
     /// `g`: its name.
-    Group(String),
+    Group(Vec<u8>),
     /// `usemtl`: its name.
-    Material(String),
+    Material(Vec<u8>),
     /// `mtllib`: the rest of the line, one or more files.
-    Library(String),
+    Library(Vec<u8>),
     /// A record that has a shape but no area (`l`, `p`) or one that is not read (`curv`, `surf`).
     Ignored(&'static str),
 }
 
 /// Reads an OBJ file record by record.
 pub struct ObjReader<R> {
-    input: R,
-    path: PathBuf,
-    text: Vec<u8>,
+    lines: LineReader<R>,
     corners: Vec<Corner>,
-    /// First line of the current record, from 1.
-    line: u64,
-    /// Lines read.
-    lines: u64,
     /// `v`, `vt`, `vn` so far.
     counts: [u64; 3],
-    begun: bool,
 }
 
-impl ObjReader<BufReader<File>> {
+impl ObjReader<File> {
     /// Opens a file.
     pub fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| Error::io(path, &e))?;
-        Ok(Self::new(BufReader::with_capacity(1 << 20, file), path))
+        Ok(Self::over(LineReader::open(path)?))
     }
 }
 
-impl<R: BufRead> ObjReader<R> {
+impl<R: Read> ObjReader<R> {
     /// Reads from anything; `path` is only for messages.
-    pub fn new(input: R, path: &Path) -> Self {
-        Self {
-            input,
-            path: path.to_path_buf(),
-            text: Vec::new(),
-            corners: Vec::new(),
-            line: 0,
-            lines: 0,
-            counts: [0; 3],
-            begun: false,
-        }
+    pub fn new(input: R, path: &Path) -> Result<Self> {
+        Ok(Self::over(LineReader::new(input, path)?))
+    }
+
+    fn over(lines: LineReader<R>) -> Self {
+        Self { lines, corners: Vec::new(), counts: [0; 3] }
     }
 
     /// How many `v` records there were so far.
@@ -96,81 +82,28 @@ impl<R: BufRead> ObjReader<R> {
     /// The next record and its (first) line, from 1; `None` at the end. Fails on unreadable files and
     /// on broken numbers.
     pub fn next_record(&mut self) -> Result<Option<(u64, Record<'_>)>> {
-        while self.read_line()? {
+        while self.lines.read_line(true)? {
             // The parser borrows corners mutably, the text not: taken out and put back.
-            let text = std::mem::take(&mut self.text);
+            let text = std::mem::take(&mut self.lines.text);
             let parsed = self.parse(&text);
-            self.text = text;
+            self.lines.text = text;
             match parsed? {
                 Parsed::Nothing => {}
-                Parsed::Face => return Ok(Some((self.line, Record::Face(&self.corners)))),
-                Parsed::Other(record) => return Ok(Some((self.line, record))),
+                Parsed::Face => return Ok(Some((self.lines.line, Record::Face(&self.corners)))),
+                Parsed::Other(record) => return Ok(Some((self.lines.line, record))),
             }
         }
         Ok(None)
     }
 
     fn failed(&self, what: &str) -> Error {
-        Error::failed(
-            format!("{}:{}: {what}", self.path.display(), self.line),
-            "correct that line, or write the model again from the program that made it",
-        )
-    }
-
-    /// Fills `text` with the next line, continuations joined; false at the end.
-    fn read_line(&mut self) -> Result<bool> {
-        if !self.begun {
-            self.begun = true;
-            self.read_byte_order_mark()?;
-        }
-        self.text.clear();
-        self.line = self.lines + 1;
-        loop {
-            let room = (LONGEST_LINE + 1).saturating_sub(self.text.len());
-            let read = (&mut self.input)
-                .take(room as u64)
-                .read_until(b'\n', &mut self.text)
-                .map_err(|e| Error::io(&self.path, &e))?;
-            if self.text.len() > LONGEST_LINE {
-                if self.text.trim_ascii_start().first() != Some(&b'#') {
-                    return Err(self.failed("the line is longer than 16 MiB"));
-                }
-                self.text.truncate(1);
-                continue;
-            }
-            if read == 0 {
-                return Ok(!self.text.is_empty());
-            }
-            self.lines += 1;
-            while matches!(self.text.last(), Some(b'\n' | b'\r')) {
-                self.text.pop();
-            }
-            let comment = self.text.trim_ascii_start().first() == Some(&b'#');
-            if self.text.last() != Some(&b'\\') || comment {
-                // An empty line is a line, not the end.
-                self.text.push(b' ');
-                return Ok(true);
-            }
-            *self.text.last_mut().expect("a backslash") = b' ';
-        }
-    }
-
-    fn read_byte_order_mark(&mut self) -> Result<()> {
-        self.line = 1;
-        let start = self.input.fill_buf().map_err(|e| Error::io(&self.path, &e))?;
-        if let Some(why) = not_utf8(start) {
-            return Err(utf16_error(&self.path, why));
-        }
-        if start.starts_with(b"\xef\xbb\xbf") {
-            self.input.consume(3);
-        }
-        Ok(())
+        self.lines.fault(what, HELP)
     }
 
     fn parse(&mut self, text: &[u8]) -> Result<Parsed> {
         let mut words = words(text);
         let Some(keyword) = words.next() else { return Ok(Parsed::Nothing) };
-        let rest = || name(&text[keyword.as_ptr() as usize - text.as_ptr() as usize + keyword.len()..]);
+        let rest = || text.trim_ascii_start()[keyword.len()..].trim_ascii().to_vec();
         Ok(Parsed::Other(match keyword {
             b"v" => {
                 self.counts[0] += 1;
@@ -205,8 +138,7 @@ impl<R: BufRead> ObjReader<R> {
         let mut position = [0.0; 3];
         for (i, value) in position.iter_mut().enumerate() {
             let word = words.next().ok_or_else(|| self.failed(&format!("vertex with {i} of 3 numbers")))?;
-            *value = number(word)
-                .ok_or_else(|| self.failed(&format!("`{}` is not a number", String::from_utf8_lossy(word))))?;
+            *value = number(word).ok_or_else(|| self.failed(&format!("`{}` is not a number", shown_name(word))))?;
         }
         Ok(position)
     }
@@ -217,20 +149,30 @@ impl<R: BufRead> ObjReader<R> {
             let mut parts = word.split(|b| *b == b'/');
             let vertex = parts.next().and_then(index);
             let Some(vertex) = vertex else {
-                return Err(format!("`{}` is not a corner of a face", String::from_utf8_lossy(word)));
+                return Err(format!("`{}` is not a corner of a face", shown_name(word)));
             };
             let vertex = self.resolve(vertex, 0).ok_or_else(|| match vertex {
                 0 => "face uses vertex 0, but counting starts at 1".to_owned(),
                 _ => format!("face uses vertex {vertex} but only {} are defined", self.counts[0]),
             })?;
-            let uv = parts.next().and_then(index).and_then(|i| self.resolve(i, 1));
-            let normal = parts.next().and_then(index).and_then(|i| self.resolve(i, 2));
-            self.corners.push(Corner { vertex, uv, normal });
+            let [uv, normal] = [1, 2].map(|kind| parts.next().map_or(Ok(None), |part| self.companion(part, kind)));
+            self.corners.push(Corner { vertex, uv: uv?, normal: normal? });
         }
         if self.corners.len() < 3 {
             return Err(format!("face has {} of at least 3 corners", self.corners.len()));
         }
         Ok(())
+    }
+
+    /// What a corner names besides its vertex, `vt` (1) or `vn` (2): nothing, or something that may not
+    /// be there, but never what could not be in any file.
+    fn companion(&self, part: &[u8], kind: usize) -> std::result::Result<Option<u64>, String> {
+        let what = ["", "texture coordinate", "normal"][kind];
+        match index(part) {
+            _ if part.is_empty() => Ok(None),
+            Some(i) if i.unsigned_abs() <= u64::from(u32::MAX) => Ok(self.resolve(i, kind)),
+            _ => Err(format!("face uses {what} `{}`, but only {} are defined", shown_name(part), self.counts[kind])),
+        }
     }
 
     /// Position from 0 of an index as the file writes it: from 1, or backwards from -1.
@@ -249,24 +191,6 @@ enum Parsed {
     Other(Record<'static>),
 }
 
-/// Words of a line up to a comment.
-fn words(text: &[u8]) -> impl Iterator<Item = &[u8]> {
-    text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).take_while(|w| w[0] != b'#')
-}
-
-/// The rest of a line as a name: may hold blanks and even `#`.
-fn name(text: &[u8]) -> String {
-    String::from_utf8_lossy(text.trim_ascii()).into_owned()
-}
-
-/// A decimal number, or one of the spellings of "not finite", Microsoft's `1.#IND` among them.
-fn number(word: &[u8]) -> Option<f64> {
-    if word.contains(&b'#') {
-        return Some(f64::NAN);
-    }
-    std::str::from_utf8(word).ok()?.parse().ok()
-}
-
 fn optional_number(word: Option<&[u8]>) -> f32 {
     word.and_then(number).map_or(f32::NAN, |x| x as f32)
 }
@@ -275,34 +199,12 @@ fn index(part: &[u8]) -> Option<i64> {
     std::str::from_utf8(part).ok()?.parse().ok()
 }
 
-/// Why bytes at the start of a file are not UTF-8 or plain text.
-#[must_use]
-pub fn not_utf8(start: &[u8]) -> Option<&'static str> {
-    match start {
-        [0xff, 0xfe, ..] | [_, 0, ..] => Some("UTF-16LE"),
-        [0xfe, 0xff, ..] | [0, _, ..] => Some("UTF-16BE"),
-        _ => None,
-    }
-}
-
-/// The error for text in two-byte characters.
-#[must_use]
-pub fn utf16_error(path: &Path, encoding: &str) -> Error {
-    let shown = path.display();
-    Error::failed(
-        format!("{shown}:1: the text is {encoding}, not UTF-8"),
-        format!("convert it: `iconv -f {encoding} -t UTF-8 '{shown}' > converted{}`", {
-            path.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default()
-        }),
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn read(text: &[u8]) -> Result<Vec<(u64, String)>> {
-        let mut reader = ObjReader::new(text, Path::new("model.obj"));
+        let mut reader = ObjReader::new(text, Path::new("model.obj"))?;
         let mut out = Vec::new();
         while let Some((line, record)) = reader.next_record()? {
             out.push((line, format!("{record:?}")));
@@ -356,11 +258,45 @@ mod tests {
     }
 
     #[test]
-    fn names_keep_their_blanks_and_bytes_that_are_not_utf8_do_no_harm() {
-        let records = read(b"usemtl  white wall \ng  caf\xe9\no a#b").unwrap();
-        assert_eq!(records[0].1, "Material(\"white wall\")");
-        assert_eq!(records[1].1, "Group(\"caf\u{fffd}\")");
-        assert_eq!(records[2].1, "Object(\"a#b\")");
+    fn names_keep_their_blanks_and_every_byte() {
+        let text = b"usemtl  white wall \ng  caf\xe9\no a#b";
+        let mut reader = ObjReader::new(&text[..], Path::new("model.obj")).unwrap();
+        let mut names = Vec::new();
+        while let Some((_, record)) = reader.next_record().unwrap() {
+            names.push(match record {
+                Record::Material(name) | Record::Group(name) | Record::Object(name) => name,
+                other => panic!("{other:?}"),
+            });
+        }
+        assert_eq!(names, [&b"white wall"[..], b"caf\xe9", b"a#b"]);
+    }
+
+    #[test]
+    fn an_index_that_no_file_could_have_costs_the_face_and_is_named_with_its_line() {
+        let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+        for (corner, what) in [
+            ("1/99999999999/1", "texture coordinate `99999999999`"),
+            ("1//4294967296", "normal `4294967296`"),
+            ("1/1/-99999999999999999999", "normal `-99999999999999999999`"),
+            ("1/x", "texture coordinate `x`"),
+            ("99999999999999999999", "`99999999999999999999` is not a corner"),
+        ] {
+            let records = shown(&format!("{triangle}f {corner} 2 3"));
+            assert!(
+                records[3].0 == 4 && records[3].1.starts_with("BadFace") && records[3].1.contains(what),
+                "{records:?}"
+            );
+        }
+        // Exporters that leave out `vt` often keep its indices.
+        assert!(shown(&format!("{triangle}f 1/1 2/2/ 3/4000000000/7"))[3].1.starts_with("Face"));
+    }
+
+    #[test]
+    fn a_file_reads_the_same_whatever_ends_its_lines() {
+        let text = "o a\nv 0 0 0\nv 1 0 0\nv 0 \\\n1 0\nf 1 2 3\n";
+        for end in ["\r", "\r\n"] {
+            assert_eq!(shown(&text.replace('\n', end)), shown(text), "{end:?}");
+        }
     }
 
     #[test]
@@ -369,21 +305,5 @@ mod tests {
         assert_eq!(error.to_string(), "model.obj:2: `2,5` is not a number");
         assert!(read(b"v 1 2").unwrap_err().to_string().contains("model.obj:1: vertex with 2 of 3"));
         assert_eq!(shown("v nan -inf 1.#IND")[0].1, "Vertex([NaN, -inf, NaN])");
-    }
-
-    #[test]
-    fn utf16_is_refused_with_the_command_that_converts_it() {
-        let error = read(b"\xfe\xff\0v\0 ").unwrap_err();
-        assert!(error.to_string().contains("UTF-16BE"), "{error}");
-        assert!(error.remedy().contains("iconv -f UTF-16BE"), "{}", error.remedy());
-        assert!(read(b"v\0 \0").is_err());
-    }
-
-    #[test]
-    fn a_line_without_end_is_refused_before_it_fills_memory() {
-        let long = std::io::repeat(b'1').take(1 << 30);
-        let mut reader = ObjReader::new(BufReader::new(long), Path::new("model.obj"));
-        assert!(reader.next_record().unwrap_err().to_string().contains("16 MiB"));
-        assert!(reader.text.capacity() < 64 << 20);
     }
 }

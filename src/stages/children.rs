@@ -1,7 +1,8 @@
 //! Stage commands as child processes: started, listened to, ended.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader, Read};
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
@@ -10,6 +11,7 @@ use std::time::{Duration, Instant};
 use serde::Deserialize;
 use serde_json::Value;
 
+use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
 
 /// How often children are looked at.
@@ -146,7 +148,9 @@ impl Drop for Running {
 
 fn listen(lines: impl BufRead) -> Complaints {
     let (mut error, mut last) = (None, Vec::new());
-    for line in lines.lines().map_while(std::io::Result::ok) {
+    // To the end whatever it holds: a child that nobody listens to stands still.
+    for line in lines.split(b'\n').map_while(std::io::Result::ok) {
+        let line = shown(OsStr::from_bytes(&line));
         match serde_json::from_str::<ExitError>(&line) {
             Ok(found) => error = Some(found),
             Err(_) => {

@@ -12,6 +12,7 @@ use super::entry;
 use super::leaves::{self, Leaf, SideMesh};
 use super::output::{self, Output};
 use super::working_set::WorkingSet;
+use crate::base::text::shown;
 use crate::base::{Error, PatchSide, Progress, Result, Rgb, lux};
 use crate::formats::glb::{GlbFacts, GlbMesh, GlbWriter};
 use crate::formats::leaf_csv::{self, LeafRow};
@@ -56,7 +57,7 @@ pub struct Plan<'s> {
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Files.
-    pub files: Vec<PathBuf>,
+    pub files: Vec<String>,
     /// Leaf elements in them, each side.
     pub elements: u64,
     /// The version.
@@ -65,8 +66,7 @@ pub struct Summary {
 
 impl super::summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
-        let files: Vec<_> = self.files.iter().map(|f| f.display().to_string()).collect();
-        vec![format!("{} elements of version {} in {}", self.elements, self.solution_version, files.join(", "))]
+        vec![format!("{} elements of version {} in {}", self.elements, self.solution_version, self.files.join(", "))]
     }
 
     fn next(&self) -> Option<String> {
@@ -84,7 +84,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
         None if options.output.as_os_str() == "-" => Format::Csv,
         _ => {
             return Err(Error::Usage {
-                message: format!("{}: no format has that ending", options.output.display()),
+                message: format!("{}: no format has that ending", shown(&options.output)),
                 help: "end the file name in .glb, .ply or .csv".to_owned(),
             });
         }
@@ -104,6 +104,7 @@ pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
         Format::Ply => vec![walk.ply()?],
         Format::Glb => walk.glb()?,
     };
+    let files = files.into_iter().map(shown).collect();
     Ok(Summary { files, elements: walk.elements, solution_version: plan.version })
 }
 
@@ -312,8 +313,9 @@ impl Walk<'_, '_> {
         let path = if before == 0 {
             options.output.clone()
         } else {
-            let stem = options.output.file_stem().unwrap_or_default().to_string_lossy();
-            options.output.with_file_name(format!("{stem}-{}.glb", before + 1))
+            let mut name = options.output.file_stem().unwrap_or_default().to_os_string();
+            name.push(format!("-{}.glb", before + 1));
+            options.output.with_file_name(name)
         };
         let mut out = Output::create(&path, options.force)?;
         glb.finish(&mut out).map_err(|e| Error::io(&path, &e))?;

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
 enum Target {
@@ -17,12 +18,26 @@ pub struct Output {
     finished: bool,
 }
 
-/// Refuses to overwrite, before any work is done. `-` is stdout.
+/// Looks before any work is done whether the file may be made: nothing is overwritten unasked, and
+/// its folder is there. `-` is stdout.
 pub fn check(path: &Path, force: bool) -> Result<()> {
-    if path.as_os_str() != "-" && path.exists() && !force {
+    if path.as_os_str() == "-" {
+        return Ok(());
+    }
+    if path.is_dir() {
+        return Err(Error::failed(format!("{}: a folder, not a file", shown(path)), "name a file in it"));
+    }
+    if path.exists() && !force {
         return Err(Error::failed(
-            format!("{}: the file is there already", path.display()),
+            format!("{}: the file is there already", shown(path)),
             "give `--force` to overwrite it, or another name",
+        ));
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Error::failed(
+            format!("{}: there is no folder {}", shown(path), shown(folder)),
+            format!("make it with `mkdir -p {}`, or name another file", for_shell(folder)),
         ));
     }
     Ok(())
@@ -46,10 +61,7 @@ impl Output {
     /// Gives the file its name.
     pub fn finish(mut self) -> Result<()> {
         match &mut self.target {
-            Target::Stdout(stdout) => match stdout.flush() {
-                Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), &e)),
-                _ => Ok(()),
-            },
+            Target::Stdout(stdout) => stdout.flush().map_err(|e| Error::io(Path::new("stdout"), &e)),
             Target::File { file, part, path } => {
                 file.flush().map_err(|e| Error::io(part, &e))?;
                 std::fs::rename(&part, &path).map_err(|e| Error::io(path, &e))?;
@@ -72,21 +84,14 @@ impl Output {
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.target {
-            // Whoever read has seen enough: the rest goes nowhere, and that is success.
-            Target::Stdout(stdout) => match stdout.write(bytes) {
-                Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(bytes.len()),
-                other => other,
-            },
+            Target::Stdout(stdout) => stdout.write(bytes),
             Target::File { file, .. } => file.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.target {
-            Target::Stdout(stdout) => match stdout.flush() {
-                Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-                other => other,
-            },
+            Target::Stdout(stdout) => stdout.flush(),
             Target::File { file, .. } => file.flush(),
         }
     }
@@ -129,5 +134,15 @@ mod tests {
         assert!(Output::create(&path, false).is_err());
         Output::create(&path, true).unwrap().finish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"");
+    }
+    #[test]
+    fn a_file_that_cannot_be_made_is_refused_before_anything_is_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = check(&dir.path().join("no dir/x.csv"), true).unwrap_err();
+        assert!(error.to_string().contains("no dir/x.csv: there is no folder "), "{error}");
+        assert!(error.remedy().contains("/no dir'`"), "{}", error.remedy());
+        assert!(check(dir.path(), true).unwrap_err().to_string().ends_with("a folder, not a file"));
+        check(&dir.path().join("x.csv"), false).unwrap();
+        check(Path::new("-"), false).unwrap();
     }
 }

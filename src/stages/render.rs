@@ -16,6 +16,7 @@ use super::point_light::PointLight;
 use super::ray_scene::SceneFiles;
 use super::tolerances;
 use super::working_set::WorkingSet;
+use crate::base::text::shown;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
 use crate::geom::bounds::Bounds;
@@ -78,7 +79,7 @@ pub struct Plan<'s> {
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Files.
-    pub files: Vec<PathBuf>,
+    pub files: Vec<String>,
     /// The version.
     pub solution_version: u64,
     /// Pixels across and down.
@@ -89,9 +90,8 @@ pub struct Summary {
 
 impl super::summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
-        let files: Vec<_> = self.files.iter().map(|f| f.display().to_string()).collect();
         let (width, height) = self.size;
-        vec![format!("version {} in {}, {width} x {height} pixels", self.solution_version, files.join(", "))]
+        vec![format!("version {} in {}, {width} x {height} pixels", self.solution_version, self.files.join(", "))]
     }
 
     fn next(&self) -> Option<String> {
@@ -109,7 +109,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
         Some("hdr" | "pic") => true,
         _ => {
             return Err(usage(
-                format!("{}: no picture format has that ending", options.output.display()),
+                format!("{}: no picture format has that ending", shown(&options.output)),
                 "end the file name in .png or .hdr",
             ));
         }
@@ -154,11 +154,11 @@ fn camera(options: &Options, facts: &ModelFacts) -> Option<Camera> {
 /// Draws and writes.
 pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
     let (width, height) = plan.options.size;
+    let mut out = Output::create(&plan.options.output, plan.options.force)?;
     let rows = rows(plan, progress)?;
     let pixels: Vec<[f32; 3]> = rows.iter().flat_map(|r| r.pixels.iter().copied()).collect();
     let covered: u64 = rows.iter().map(|r| r.covered).sum();
     drop(rows);
-    let mut out = Output::create(&plan.options.output, plan.options.force)?;
     let written = if plan.is_hdr {
         write_hdr(&pixels, (width, height), &header_lines(&plan.options), &mut out)
     } else {
@@ -169,7 +169,7 @@ pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
     written.map_err(|e| Error::io(&plan.options.output, &e))?;
     out.finish()?;
     Ok(Summary {
-        files: vec![plan.options.output.clone()],
+        files: vec![shown(&plan.options.output)],
         solution_version: plan.version,
         size: plan.options.size,
         covered: covered as f64 / f64::from(width * height),

@@ -1,6 +1,7 @@
 //! `sample`: irradiance and lux at sensor points on surfaces.
 
 use std::io::Write;
+use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
@@ -58,7 +59,7 @@ pub fn execute(
     let cuts = Cuts::new(scene, min_element_m);
     let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);
     let mut summary = Summary::default();
-    let io = |e: std::io::Error| Error::failed(format!("points could not be written: {e}"), "check the output file");
+    let io = |e: std::io::Error| Error::io(Path::new("the answers"), &e);
     writeln!(out, "{HEADER}").map_err(io)?;
     progress.begin("sample", "points", None);
     for point in points {
@@ -72,19 +73,19 @@ pub fn execute(
         summary.points += 1;
         let [x, y, z] = point.position;
         let [nx, ny, nz] = point.normal;
-        write!(out, "{x},{y},{z},{nx},{ny},{nz},").map_err(io)?;
-        match scene.locate(at, normal, snap_m) {
+        let answer = match scene.locate(at, normal, snap_m) {
             Some(place) => {
                 summary.answered += 1;
                 let irradiance = Rgb::from_f32(light.irradiance(place, at)?.to_f32());
                 let [r, g, b] = irradiance.to_f32();
-                writeln!(out, "{r},{g},{b},{}", lux(irradiance) as f32).map_err(io)?;
+                format!("{r},{g},{b},{}", lux(irradiance) as f32)
             }
             None => {
                 summary.unanswered += 1;
-                writeln!(out, ",,,").map_err(io)?;
+                ",,,".to_owned()
             }
-        }
+        };
+        writeln!(out, "{x},{y},{z},{nx},{ny},{nz},{answer}").map_err(io)?;
         progress.at(summary.points);
     }
     Ok(summary)

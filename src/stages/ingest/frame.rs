@@ -10,6 +10,7 @@ use super::pieces::is_needle;
 use super::read::{Face, Spilled};
 use super::vertical::Vertical;
 use super::whereabouts::{Sample, Whereabouts};
+use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
 
@@ -195,7 +196,7 @@ pub fn position(spilled: &mut Spilled, face: &Face, corner: FaceCorner) -> Resul
 /// The error for a model without anything to light.
 #[must_use]
 pub fn no_faces(spilled: &Spilled) -> Error {
-    let names: Vec<_> = spilled.files.iter().map(|f| f.path.display().to_string()).collect();
+    let names: Vec<_> = spilled.files.iter().map(|f| shown(&f.path)).collect();
     let mut why = format!("`f` records: {}", spilled.polygons);
     for warning in spilled.skipped.warnings(&spilled.files.iter().map(|f| f.path.clone()).collect::<Vec<_>>()) {
         why = format!("{why}; {warning}");

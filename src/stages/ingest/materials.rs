@@ -1,11 +1,12 @@
 //! Materials: from the names that faces use to reflectance and exitance.
 
-use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::Path;
 
-use super::read::{InputFile, MaterialUse};
-use crate::base::{Progress, Result, Rgb};
-use crate::formats::mtl::{self, DEFAULT_KD, Definition, Library};
+use super::read::MaterialUse;
+use crate::base::text::{shown, shown_name};
+use crate::base::{Progress, Rgb};
+use crate::formats::mtl::{DEFAULT_KD, Definition, Library};
 use crate::model::geometry::SideMaterial;
 
 /// Largest reflectance: above it light would hardly ever end.
@@ -35,130 +36,107 @@ impl Material {
     }
 }
 
-/// An MTL file that was read.
-pub struct LibraryFile {
-    /// Where it was found.
-    pub path: PathBuf,
-    library: Library,
+/// Definitions by name, each with its file; the first of a name counts.
+#[derive(Default)]
+struct Definitions<'a> {
+    by_name: HashMap<&'a [u8], (&'a Path, &'a Definition)>,
+    /// Later ones of a name that say something else: how many, and the first.
+    differing: (usize, String),
 }
 
-/// Reads the MTL files that the models name, once each; missing ones are warned of.
-pub fn read_libraries(files: &[InputFile], progress: &dyn Progress) -> Result<Vec<Vec<LibraryFile>>> {
-    files
-        .iter()
-        .map(|file| {
-            let mut found: Vec<LibraryFile> = Vec::new();
-            let folder = file.path.parent().unwrap_or(Path::new(""));
-            for names in &file.libraries {
-                let (paths, missing) = resolve(folder, names);
-                for name in missing {
-                    progress.warn(&format!(
-                        "{}: material file `{name}` is missing: its materials reflect 0.5",
-                        file.path.display()
-                    ));
+impl<'a> Definitions<'a> {
+    fn of(files: impl IntoIterator<Item = &'a Library>) -> Self {
+        let mut all = Self::default();
+        for (path, definition) in files.into_iter().flat_map(|f| f.materials.iter().map(|d| (f.path.as_path(), d))) {
+            let (first_path, first) = *all.by_name.entry(&definition.name).or_insert((path, definition));
+            if (first.kd, first.ke) != (definition.kd, definition.ke) {
+                all.differing.0 += 1;
+                if all.differing.0 == 1 {
+                    all.differing.1 = format!(
+                        "{}:{}: `{}` counts as {}:{} defines it",
+                        shown(path),
+                        definition.line,
+                        shown_name(&definition.name),
+                        shown(first_path),
+                        first.line
+                    );
                 }
-                for path in paths {
-                    if found.iter().all(|f| f.path != path) {
-                        let library = mtl::read(&path)?;
-                        found.push(LibraryFile { path, library });
-                    }
-                }
-            }
-            Ok(found)
-        })
-        .collect()
-}
-
-/// The files that the rest of an `mtllib` line names, blanks in names and between them alike: always
-/// the longest run of words that is a file. What is left names none.
-fn resolve(folder: &Path, names: &str) -> (Vec<PathBuf>, Vec<String>) {
-    let words: Vec<&str> = names.split_whitespace().collect();
-    let (mut found, mut missing) = (Vec::new(), Vec::new());
-    let mut from = 0;
-    let whole = |name: &str| {
-        [name.to_owned(), name.replace('\\', "/")].into_iter().map(|n| folder.join(n)).find(|p| p.is_file())
-    };
-    if let Some(path) = whole(names) {
-        return (vec![path], missing);
-    }
-    while from < words.len() {
-        let run = (from + 1..=words.len()).rev().find_map(|to| Some((to, whole(&words[from..to].join(" "))?)));
-        match run {
-            Some((to, path)) => {
-                found.push(path);
-                from = to;
-            }
-            None => {
-                missing.push(words[from].to_owned());
-                from += 1;
             }
         }
+        all
     }
-    if found.is_empty() {
-        missing = vec![names.to_owned()];
-    }
-    (found, missing)
 }
 
 /// The material of every use. `overriding`: the definitions of `--materials`.
 #[must_use]
 pub fn materials_of(
     uses: &[MaterialUse],
-    libraries: &[Vec<LibraryFile>],
+    libraries: &[Vec<Library>],
     overriding: Option<&Library>,
     progress: &dyn Progress,
 ) -> Vec<Material> {
-    let by_name = |library: &Library| -> HashMap<String, Definition> {
-        library.materials.iter().rev().map(|d| (d.name.clone(), d.clone())).collect()
-    };
-    let overriding = overriding.map(by_name).unwrap_or_default();
-    let defined: Vec<HashMap<String, Definition>> =
-        libraries.iter().map(|files| files.iter().rev().flat_map(|f| by_name(&f.library)).collect()).collect();
+    let overriding = Definitions::of(overriding);
+    let defined: Vec<Definitions> = libraries.iter().map(Definitions::of).collect();
     let mut clamped = BTreeMap::new();
-    let mut undefined = BTreeMap::new();
+    let mut undefined = BTreeSet::new();
     let materials: Vec<Material> = uses
         .iter()
         .map(|of| {
             let name = of.name.as_deref().unwrap_or_default();
-            let own = defined[of.file as usize].get(name);
-            let definition = overriding.get(name).or(overriding.get("*")).or(own);
-            if definition.is_none() && of.name.is_some() {
-                undefined.insert(name.to_owned(), ());
+            let own = defined[of.file as usize].by_name.get(name);
+            let found = overriding.by_name.get(name).or(overriding.by_name.get(&b"*"[..])).or(own);
+            let Some((path, definition)) = found else {
+                undefined.extend(of.name.as_deref());
+                return Material { rho: Rgb(DEFAULT_KD), exitance: Rgb::BLACK };
+            };
+            let rho = definition.kd.map(|x| x.min(MAX_RHO));
+            if rho != definition.kd {
+                clamped.insert(name, (*path, *definition));
             }
-            let (kd, ke) = definition.map_or((DEFAULT_KD, [0.0; 3]), |d| (d.kd, d.ke));
-            let rho = kd.map(|x| if x.is_finite() { x.clamp(0.0, MAX_RHO) } else { DEFAULT_KD[0] });
-            if rho != kd {
-                clamped.insert(name.to_owned(), kd);
-            }
-            let ke = ke.map(|x| if x.is_finite() { x.max(0.0) } else { 0.0 });
-            Material { rho: Rgb(rho), exitance: Rgb(ke) * std::f64::consts::PI }
+            Material { rho: Rgb(rho), exitance: Rgb(definition.ke) * std::f64::consts::PI }
         })
         .collect();
-    if let Some((name, kd)) = clamped.iter().next() {
-        let [r, g, b] = kd;
+    if let Some((name, (path, definition))) = clamped.iter().next() {
+        let [r, g, b] = definition.kd;
         progress.warn(&format!(
-            "reflectance of {} clamped to 0..0.99, first `{name}` with Kd {r} {g} {b}",
-            plural(clamped.len(), "material")
+            "reflectance of {} clamped to 0..0.99, first `{}` with Kd {r} {g} {b} ({}:{})",
+            plural(clamped.len(), "material"),
+            shown_name(name),
+            shown(path),
+            definition.line
         ));
     }
-    if let Some(name) = undefined.keys().next() {
+    if let Some(name) = undefined.first() {
         progress.warn(&format!(
-            "{} without definition, first `{name}`: Kd 0.5 is used",
-            plural(undefined.len(), "material")
+            "{} without definition, first `{}`: Kd 0.5 is used",
+            plural(undefined.len(), "material"),
+            shown_name(name)
         ));
+    }
+    for (n, first) in defined.iter().chain([&overriding]).map(|d| &d.differing).filter(|d| d.0 > 0) {
+        progress.warn(&format!("{} defined again and differently, first {first}", plural(*n, "material")));
     }
     materials
 }
 
-/// Says once what the MTL files state and this program ignores.
-pub fn warn_of_ignored(libraries: &[Vec<LibraryFile>], progress: &dyn Progress) {
+/// Says once what the MTL files state and this program ignores or corrects.
+pub fn warn_of_oddities<'a>(libraries: impl IntoIterator<Item = &'a Library>, progress: &dyn Progress) {
     let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
-    for (what, n) in libraries.iter().flatten().flat_map(|f| &f.library.ignored) {
-        *counts.entry(what).or_default() += n;
+    let mut corrected: (u64, Option<&str>) = (0, None);
+    for library in libraries {
+        for (what, n) in &library.ignored {
+            *counts.entry(what).or_default() += n;
+        }
+        if library.corrected > 0 {
+            corrected = (corrected.0 + library.corrected, corrected.1.or(Some(&library.first_corrected)));
+        }
     }
     if !counts.is_empty() {
         let list: Vec<_> = counts.iter().map(|(what, n)| format!("{what} of {n}")).collect();
         progress.warn(&format!("ignored in materials: {}", list.join(", ")));
+    }
+    if let (n, Some(first)) = corrected {
+        progress.warn(&format!("{} cannot be, first {first}", plural(n as usize, "colour")));
     }
 }
 
@@ -168,44 +146,61 @@ fn plural(n: usize, what: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Mutex;
+
     use super::*;
     use crate::base::Quiet;
+    use crate::formats::mtl;
 
-    #[test]
-    fn a_library_line_names_files_with_blanks_or_several_files() {
-        let dir = tempfile::tempdir().unwrap();
-        for name in ["a b.mtl", "c.mtl", "d.mtl"] {
-            std::fs::write(dir.path().join(name), "").unwrap();
+    struct Heard(Mutex<Vec<String>>);
+
+    impl Progress for Heard {
+        fn begin(&self, _phase: &str, _unit: &str, _total: Option<u64>) {}
+        fn at(&self, _done: u64) {}
+        fn warn(&self, message: &str) {
+            self.0.lock().unwrap().push(message.to_owned());
         }
-        let names = |line: &str| {
-            let (found, missing) = resolve(dir.path(), line);
-            let found: Vec<_> = found.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect();
-            (found.join("|"), missing.join("|"))
-        };
-        assert_eq!(names("a b.mtl"), ("a b.mtl".into(), String::new()));
-        assert_eq!(names("./c.mtl d.mtl"), ("c.mtl|d.mtl".into(), String::new()));
-        assert_eq!(names("x.mtl a b.mtl y.mtl"), ("a b.mtl".into(), "x.mtl|y.mtl".into()));
-        assert_eq!(names(".\\c.mtl").0, "c.mtl");
+        fn interrupted(&self) -> bool {
+            false
+        }
+    }
+
+    fn library(text: &str) -> Library {
+        mtl::parse(text.as_bytes(), Path::new("own.mtl")).unwrap()
+    }
+
+    fn uses(names: &[&str]) -> Vec<MaterialUse> {
+        names.iter().map(|n| MaterialUse { file: 0, name: Some(n.as_bytes().to_vec()) }).collect()
     }
 
     #[test]
     fn given_materials_replace_those_of_the_same_name_and_the_star_all_others() {
-        let dir = tempfile::tempdir().unwrap();
-        let own = dir.path().join("own.mtl");
-        std::fs::write(&own, "newmtl a\nKd 0.1 0.1 0.1\nnewmtl b\nKd 0.2 0.2 0.2\nnewmtl c\nKd 2 0 0\n").unwrap();
-        let libraries = [vec![LibraryFile { library: mtl::read(&own).unwrap(), path: own.clone() }]];
-        let uses: Vec<_> =
-            ["a", "b", "c", "d"].iter().map(|n| MaterialUse { file: 0, name: Some((*n).to_owned()) }).collect();
+        let libraries = [vec![library("newmtl a\nKd 0.1\nnewmtl b\nKd 0.2\nnewmtl c\nKd 2 0 0\n")]];
+        let uses = uses(&["a", "b", "c", "d"]);
         let red = |overriding: Option<&Library>| -> Vec<f64> {
             materials_of(&uses, &libraries, overriding, &Quiet).iter().map(|m| m.rho.0[0]).collect()
         };
         assert_eq!(red(None), [0.1, 0.2, 0.99, 0.5]);
-        std::fs::write(&own, "newmtl b\nKd 0.7 0 0\nKe 1 1 1\n").unwrap();
-        let mut given = mtl::read(&own).unwrap();
+        let mut given = library("newmtl b\nKd 0.7 0 0\nKe 1 1 1\n");
         assert_eq!(red(Some(&given)), [0.1, 0.7, 0.99, 0.5]);
         let lit = materials_of(&uses, &libraries, Some(&given), &Quiet)[1].exitance.0[0];
         assert!((lit - std::f64::consts::PI).abs() < 1e-15, "{lit}");
-        given.materials[0].name = "*".to_owned();
+        given.materials[0].name = b"*".to_vec();
         assert_eq!(red(Some(&given)), [0.7; 4]);
+    }
+    #[test]
+    fn what_is_odd_about_materials_is_said_once_with_file_and_line() {
+        let own = library("newmtl a\nKd 0.1\nnewmtl white\x1b\nKd 1\nnewmtl a\nKd 0.2\nnewmtl a\nKd 0.1\nKe -1\nKs 1");
+        let heard = Heard(Mutex::default());
+        assert_eq!(materials_of(&uses(&["a", "white\x1b", "gone"]), &[vec![own.clone()]], None, &heard).len(), 3);
+        warn_of_oddities([&own, &own], &heard);
+        let expected = [
+            "reflectance of 1 material clamped to 0..0.99, first `white\\u{1b}` with Kd 1 1 1 (own.mtl:3)",
+            "1 material without definition, first `gone`: Kd 0.5 is used",
+            "1 material defined again and differently, first own.mtl:5: `a` counts as own.mtl:1 defines it",
+            "ignored in materials: Ks of 2",
+            "2 colours cannot be, first own.mtl:9: `Ke -1 -1 -1` of `a` is taken as 0 0 0",
+        ];
+        assert_eq!(*heard.0.lock().unwrap(), expected);
     }
 }

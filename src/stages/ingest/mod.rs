@@ -9,6 +9,7 @@ mod coincide;
 mod darken;
 mod frame;
 mod join;
+mod libraries;
 mod materials;
 mod objects;
 mod piece;
@@ -27,6 +28,7 @@ mod write;
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::os::unix::ffi::OsStrExt;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -34,7 +36,8 @@ use serde::Serialize;
 
 use self::coincide::Search;
 use self::frame::{Frame, Survey};
-use self::materials::{LibraryFile, Material};
+use self::libraries::Libraries;
+use self::materials::Material;
 use self::piece::Piece;
 use self::read::Spilled;
 use self::record_file::RecordFile;
@@ -44,6 +47,7 @@ use self::tree::Rules;
 use self::typical::Far;
 use self::write::{NewMaterials, Source, Totals, Writers};
 use crate::base::memory::MemoryBudget;
+use crate::base::text::{for_shell, shown, stored};
 use crate::base::{Error, Progress, Result};
 use crate::formats::mtl;
 use crate::store::stage_rows::hash;
@@ -144,7 +148,7 @@ pub fn plan(options: &Options) -> Result<Plan> {
     for path in options.models.iter().chain(&options.materials) {
         let meta = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?;
         if !meta.is_file() {
-            return Err(Error::failed(format!("{}: not a file", path.display()), "name an OBJ file"));
+            return Err(Error::failed(format!("{}: not a file", shown(path)), "name an OBJ file"));
         }
         model_bytes += meta.len();
     }
@@ -157,7 +161,7 @@ impl fmt::Display for Plan {
         writeln!(f, "ingest {} files, {} MiB", self.options.models.len(), mib(self.model_bytes))?;
         writeln!(f, "memory: at most {} MiB", mib(self.options.memory.limit_bytes))?;
         writeln!(f, "disk: about {} MiB while it works", mib(8 * self.model_bytes))?;
-        write!(f, "store: {}", self.options.store.display())
+        write!(f, "store: {}", shown(&self.options.store))
     }
 }
 
@@ -212,7 +216,7 @@ impl super::summary::Summary for Summary {
     }
 
     fn next(&self) -> Option<String> {
-        Some(format!("clerestory visibility {}", self.store.display()))
+        Some(format!("clerestory visibility {}", for_shell(&self.store)))
     }
 }
 
@@ -230,7 +234,7 @@ pub fn execute(plan: Plan, progress: &dyn Progress) -> Result<Summary> {
 
 fn ingest(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let store = Store::create(&options.store, options.wait)?;
-    let _lock = RunLock::take(&store, &format!("clerestory ingest {}", options.store.display()))?;
+    let _lock = RunLock::take(&store, &format!("clerestory ingest {}", for_shell(&options.store)))?;
     let before = if options.fresh { None } else { store.stage(Stage::Ingest)? };
     if let Some(record) = &before
         && rerun::is_unchanged(record, options)?
@@ -254,13 +258,12 @@ struct Made {
     spilled: Spilled,
     pieces: RecordFile<Piece>,
     materials: Vec<Material>,
-    libraries: Vec<Vec<LibraryFile>>,
+    libraries: Libraries,
     survey: Survey,
     frame: Frame,
     far: Far,
     snap_m: f64,
     typical_m: f64,
-    incomplete: bool,
 }
 
 impl Made {
@@ -271,11 +274,11 @@ impl Made {
         for model in &options.models {
             spilled.read(model, progress)?;
         }
-        let libraries = materials::read_libraries(&spilled.files, progress)?;
+        spilled.warn_of_faceless_files(progress);
+        let libraries = libraries::read(&spilled.files, progress)?;
         let given = options.materials.as_deref().map(mtl::read).transpose()?;
-        let materials = materials::materials_of(&spilled.materials, &libraries, given.as_ref(), progress);
-        materials::warn_of_ignored(&libraries, progress);
-        let incomplete = spilled.files.iter().zip(&libraries).any(|(f, l)| l.len() < f.libraries.len());
+        let materials = materials::materials_of(&spilled.materials, &libraries.of_model, given.as_ref(), progress);
+        materials::warn_of_oddities(libraries.of_model.iter().flatten().chain(&given), progress);
 
         let unit = options.units.metres();
         let survey = Survey::of(&mut spilled, &materials, unit, progress)?;
@@ -305,7 +308,7 @@ impl Made {
         for (what, n) in &spilled.ignored {
             progress.warn(&format!("{n} {what} ignored: they have no area"));
         }
-        Ok(Self { spilled, pieces, materials, libraries, survey, frame, far, snap_m, typical_m, incomplete })
+        Ok(Self { spilled, pieces, materials, libraries, survey, frame, far, snap_m, typical_m })
     }
 
     fn source<'a>(&'a mut self, options: &Options, scratch: &'a Scratch) -> Source<'a> {
@@ -333,11 +336,11 @@ impl Made {
         let mut files = Vec::new();
         for (i, (path, hash)) in recipe.inputs.iter().enumerate() {
             let kind = if i < recipe.models { "obj" } else { "mtl" };
-            let bytes = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.len();
-            files.push(tx.add_file(&path.to_string_lossy(), kind, bytes, hash)?);
+            let bytes = rerun::input_bytes(path)?;
+            files.push(tx.add_file(path, kind, bytes, hash)?);
         }
         self.spilled.objects.for_each(|file, name| {
-            tx.add_object(files[file as usize], name)?;
+            tx.add_object(files[file as usize], &stored(name))?;
             Ok(())
         })?;
         self.spilled.skipped.for_each(|file, line, cause| tx.add_skipped(files[file as usize], line, cause))?;
@@ -385,11 +388,11 @@ impl Made {
     }
 
     fn recipe(&self, options: &Options) -> Result<Recipe> {
-        let found = self.libraries.iter().flatten().map(|l| &l.path);
+        let found = self.libraries.of_model.iter().flatten().map(|l| &l.path);
         let mut inputs = Vec::new();
         for path in options.models.iter().chain(found).chain(&options.materials) {
             let full = std::fs::canonicalize(path).map_err(|e| Error::io(path, &e))?;
-            inputs.push((full, hash_file(path)?));
+            inputs.push((stored(full.as_os_str().as_bytes()), hash_file(path)?));
         }
         Ok(Recipe {
             geometry: GeometryOptions::of(options),
@@ -398,7 +401,7 @@ impl Made {
             models: options.models.len(),
             has_given_materials: options.materials.is_some(),
             up_is_sure: self.up(options).1,
-            incomplete: self.incomplete,
+            incomplete: self.libraries.incomplete,
         })
     }
 

@@ -18,14 +18,14 @@ impl Objects {
         let names = Connection::open(dir.join("objects.sqlite"))?;
         names.execute_batch(
             "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA cache_size = -2048;
-             CREATE TABLE objects (id INTEGER PRIMARY KEY, file INTEGER, name TEXT, UNIQUE (file, name));
+             CREATE TABLE objects (id INTEGER PRIMARY KEY, file INTEGER, name BLOB, UNIQUE (file, name));
              BEGIN;",
         )?;
         Ok(Self { names })
     }
 
     /// The number of an object, a new one if its name is new in that file.
-    pub fn number(&mut self, file: u32, name: &str) -> Result<u32> {
+    pub fn number(&mut self, file: u32, name: &[u8]) -> Result<u32> {
         let known = self
             .names
             .prepare_cached("SELECT id - 1 FROM objects WHERE file = ?1 AND name = ?2")?
@@ -41,11 +41,11 @@ impl Objects {
     }
 
     /// Every object in order of number: (file, name).
-    pub fn for_each(&self, mut visit: impl FnMut(u32, &str) -> Result<()>) -> Result<()> {
+    pub fn for_each(&self, mut visit: impl FnMut(u32, &[u8]) -> Result<()>) -> Result<()> {
         let mut query = self.names.prepare("SELECT file, name FROM objects ORDER BY id")?;
         let mut rows = query.query([])?;
         while let Some(row) = rows.next()? {
-            visit(row.get(0)?, &row.get::<_, String>(1)?)?;
+            visit(row.get(0)?, row.get_ref(1)?.as_blob().map_err(rusqlite::Error::from)?)?;
         }
         Ok(())
     }

@@ -7,6 +7,7 @@ use super::objects::Objects;
 use super::piece::{FaceCorner, NONE, Source};
 use super::record_file::RecordFile;
 use super::skipped::{Cause, Skipped};
+use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
 use crate::formats::obj::{Corner, ObjReader, Record};
 
@@ -17,7 +18,9 @@ pub struct InputFile {
     /// Row of its first vertex, then the row behind its last.
     pub vertices: (u64, u64),
     /// The rest of each `mtllib` line.
-    pub libraries: Vec<String>,
+    pub libraries: Vec<Vec<u8>>,
+    /// Whether it holds an `f` record, good or bad.
+    pub has_faces: bool,
 }
 
 /// A material as faces name it.
@@ -26,7 +29,7 @@ pub struct MaterialUse {
     /// Input file, in order of the command line.
     pub file: u32,
     /// As `usemtl` gives it; `None` before the first.
-    pub name: Option<String>,
+    pub name: Option<Vec<u8>>,
 }
 
 /// A face as read.
@@ -72,13 +75,13 @@ struct Place {
     /// Rows of the file's first `v`, `vt`, `vn`.
     start: [u64; 3],
     /// `o`, once there was one; else `g`.
-    object: Option<String>,
+    object: Option<Vec<u8>>,
     named_by_o: bool,
     /// Numbers of both, looked up when a face needs them.
     object_number: Option<u32>,
     material_number: Option<u32>,
-    material: Option<String>,
-    known: HashMap<Option<String>, u32>,
+    material: Option<Vec<u8>>,
+    known: HashMap<Option<Vec<u8>>, u32>,
 }
 
 impl Spilled {
@@ -102,9 +105,10 @@ impl Spilled {
     pub fn read(&mut self, path: &Path, progress: &dyn Progress) -> Result<()> {
         let file = self.files.len();
         let start = [self.positions.len(), self.uvs.len(), self.normals.len()];
+        let polygons = self.polygons;
         let path = path.to_path_buf();
         let mut reader = ObjReader::open(&path)?;
-        self.files.push(InputFile { path, vertices: (start[0], start[0]), libraries: Vec::new() });
+        self.files.push(InputFile { path, vertices: (start[0], start[0]), libraries: Vec::new(), has_faces: false });
         let mut place = Place {
             source: Source { file: file as u32, line: 0, face: 0 },
             start,
@@ -118,7 +122,7 @@ impl Spilled {
         progress.begin("read", "records", None);
         let mut records = 0u64;
         while let Some((line, record)) = reader.next_record()? {
-            place.source.line = u32::try_from(line).map_err(|_| too_many("lines"))?;
+            place.source.line = u32::try_from(line).map_err(|_| self.too_many("lines", line))?;
             self.take(&mut place, record)?;
             records += 1;
             if records.is_multiple_of(65_536) {
@@ -129,14 +133,42 @@ impl Spilled {
             }
         }
         self.files[file].vertices.1 = self.positions.len();
+        self.files[file].has_faces = self.polygons > polygons;
         Ok(())
+    }
+
+    /// Says which files hold no face, where others do.
+    pub fn warn_of_faceless_files(&self, progress: &dyn Progress) {
+        if self.polygons == 0 {
+            return; // an error by itself
+        }
+        for file in self.files.iter().filter(|f| !f.has_faces) {
+            progress.warn(&format!("{}: the file holds no face (`f` record)", shown(&file.path)));
+        }
+    }
+
+    fn too_many(&self, what: &str, line: u64) -> Error {
+        let path = self.files.last().map(|f| shown(&f.path)).unwrap_or_default();
+        Error::TooLarge {
+            message: format!("{path}:{line}: the model has more than 4,294,967,294 {what}"),
+            help: "split the model into several stores".to_owned(),
+        }
     }
 
     fn take(&mut self, place: &mut Place, record: Record<'_>) -> Result<()> {
         match record {
-            Record::Vertex(position) => self.positions.push(position)?,
-            Record::Uv(uv) => self.uvs.push(uv)?,
-            Record::Normal(normal) => self.normals.push(normal)?,
+            Record::Vertex(position) => {
+                self.positions.push(position)?;
+                self.check_count("vertices", self.positions.len(), place)?;
+            }
+            Record::Uv(uv) => {
+                self.uvs.push(uv)?;
+                self.check_count("texture coordinates", self.uvs.len(), place)?;
+            }
+            Record::Normal(normal) => {
+                self.normals.push(normal)?;
+                self.check_count("normals", self.normals.len(), place)?;
+            }
             Record::Face(corners) => {
                 self.push_face(place, corners)?;
                 self.polygons += 1;
@@ -171,6 +203,11 @@ impl Spilled {
         Ok(())
     }
 
+    /// Rows have numbers below [`NONE`].
+    fn check_count(&self, what: &str, count: u64, place: &Place) -> Result<()> {
+        if count > u64::from(NONE) { Err(self.too_many(what, u64::from(place.source.line))) } else { Ok(()) }
+    }
+
     fn push_face(&mut self, place: &mut Place, corners: &[Corner]) -> Result<()> {
         let object = match place.object_number {
             Some(number) => number,
@@ -187,14 +224,12 @@ impl Spilled {
         for word in [file, line, face, object, material, corners.len() as u32] {
             self.faces.push(word)?;
         }
-        let row = |start: u64, index: u64| {
-            u32::try_from(start + index).ok().filter(|r| *r != NONE).ok_or_else(|| too_many("vertices"))
-        };
+        // What lies past the end of the file is as good as any that is not there.
+        let row = |start: u64, index: u64| u32::try_from(start.saturating_add(index)).unwrap_or(NONE);
         for corner in corners {
-            // An index far past the end of the file is as good as any that is not there.
-            self.faces.push(row(place.start[0], corner.vertex).unwrap_or(NONE))?;
+            self.faces.push(row(place.start[0], corner.vertex))?;
             for (start, index) in [(place.start[1], corner.uv), (place.start[2], corner.normal)] {
-                self.faces.push(index.map_or(Ok(NONE), |i| row(start, i))?)?;
+                self.faces.push(index.map_or(NONE, |i| row(start, i)))?;
             }
         }
         Ok(())
@@ -247,15 +282,8 @@ impl Spilled {
 }
 
 impl Place {
-    fn rename(&mut self, name: String) {
+    fn rename(&mut self, name: Vec<u8>) {
         self.object = Some(name);
         self.object_number = None;
-    }
-}
-
-fn too_many(what: &str) -> Error {
-    Error::TooLarge {
-        message: format!("the model has more than 4,294,967,294 {what}"),
-        help: "split the model into several stores".to_owned(),
     }
 }

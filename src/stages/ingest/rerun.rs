@@ -1,13 +1,17 @@
 //! What an ingest into a store that has a model already may do: nothing, new materials, or refuse.
 
+use std::ffi::OsString;
 use std::io::Read;
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::Options;
+use crate::base::text::{from_stored, shown, stored};
 use crate::base::{Error, Result};
+use crate::formats::lines;
 use crate::store::StageRecord;
 use crate::store::stage_rows::hash;
 
@@ -18,8 +22,9 @@ pub struct Recipe {
     pub geometry: GeometryOptions,
     /// Options that shape materials.
     pub emit: String,
-    /// Model files as given, MTL files as found, the file of `--materials`: path and hash of bytes.
-    pub inputs: Vec<(PathBuf, String)>,
+    /// Model files as given, MTL files as found, the file of `--materials`: path as [`stored`] and hash
+    /// of bytes.
+    pub inputs: Vec<(String, String)>,
     /// How many of them are models.
     pub models: usize,
     /// Whether the last is that of `--materials`.
@@ -101,9 +106,11 @@ pub fn is_unchanged(record: &StageRecord, options: &Options) -> Result<bool> {
     if recipe.incomplete || recipe.emit != emit_name(options) {
         return Ok(false);
     }
-    let same = |given: &Path, recorded: &PathBuf| std::fs::canonicalize(given).is_ok_and(|g| g == *recorded);
+    let same = |given: &Path, recorded: &str| {
+        std::fs::canonicalize(given).is_ok_and(|g| recorded == stored(g.as_os_str().as_bytes()))
+    };
     let given: Vec<&PathBuf> = options.models.iter().collect();
-    let recorded: Vec<&PathBuf> = recipe.inputs[..recipe.models].iter().map(|i| &i.0).collect();
+    let recorded: Vec<&String> = recipe.inputs[..recipe.models].iter().map(|i| &i.0).collect();
     if given.len() != recorded.len() || !given.iter().zip(&recorded).all(|(g, r)| same(g, r)) {
         return Ok(false);
     }
@@ -116,25 +123,37 @@ pub fn is_unchanged(record: &StageRecord, options: &Options) -> Result<bool> {
         return Ok(false);
     }
     for (path, recorded) in &recipe.inputs {
-        if !path.is_file() || hash_file(path)? != *recorded {
+        let Some(path) = input_path(path).filter(|p| p.is_file()) else { return Ok(false) };
+        if hash_file(&path)? != *recorded {
             return Ok(false);
         }
     }
     Ok(true)
 }
 
+/// Path of an input as recorded, if it is one that this program records.
+fn input_path(recorded: &str) -> Option<PathBuf> {
+    from_stored(recorded).map(|bytes| PathBuf::from(OsString::from_vec(bytes)))
+}
+
+/// Bytes of an input that has been recorded.
+pub fn input_bytes(recorded: &str) -> Result<u64> {
+    let path = input_path(recorded).unwrap_or_default();
+    Ok(std::fs::metadata(&path).map_err(|e| Error::io(&path, &e))?.len())
+}
+
 /// The error for a store that was made from other geometry.
 #[must_use]
 pub fn refused(options: &Options, what: &str) -> Error {
     Error::StageMissing {
-        message: format!("{}: the store was made from another model: {what}", options.store.display()),
+        message: format!("{}: the store was made from another model: {what}", shown(&options.store)),
         help: "give `--fresh` to empty the store, or name another one".to_owned(),
     }
 }
 
 /// Hash of a file's bytes.
 pub fn hash_file(path: &Path) -> Result<String> {
-    let mut file = std::fs::File::open(path).map_err(|e| Error::io(path, &e))?;
+    let mut file = lines::open(path)?;
     let mut hasher = Xxh3::new();
     let mut buffer = vec![0; 256 << 10];
     loop {

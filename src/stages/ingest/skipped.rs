@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::piece::Source;
+use crate::base::text::shown;
 use crate::base::{Error, Result};
 
 /// Why a face is left out; also the keys of `skipped` in the summary.
@@ -80,7 +81,7 @@ impl Skipped {
             .map(|(key, (file, line, detail))| {
                 let n = self.counts[key];
                 let faces = if n == 1 { "1 face".to_owned() } else { format!("{n} faces") };
-                format!("{faces} skipped, first {}:{line}: {detail}", files[*file as usize].display())
+                format!("{faces} skipped, first {}:{line}: {detail}", shown(&files[*file as usize]))
             })
             .collect()
     }
