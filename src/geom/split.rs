@@ -67,6 +67,18 @@ pub fn is_convex(points: &[DVec3]) -> bool {
     turned < 1.5 * std::f64::consts::TAU
 }
 
+/// How often a polygon turns round, seen along its area vector: once where it does not cross itself.
+#[must_use]
+pub fn turns(points: &[DVec3]) -> f64 {
+    let normal = area_vector(points).normalize_or_zero();
+    let n = points.len();
+    let turn = |i: usize| {
+        let (along, next) = (points[(i + 1) % n] - points[i], points[(i + 2) % n] - points[(i + 1) % n]);
+        along.cross(next).dot(normal).atan2(along.dot(next))
+    };
+    (0..n).map(turn).sum::<f64>() / std::f64::consts::TAU
+}
+
 /// Splits a polygon of three or more corners. Convex planar quads stay whole; other convex polygons
 /// that are not planar become a fan from the first corner; the rest is cut by ear clipping, and
 /// neighbouring ears joined to quads. Planar polygons give the same pieces whichever corner or

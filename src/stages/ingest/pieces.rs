@@ -14,7 +14,7 @@ use super::typical::Far;
 use super::whereabouts::Whereabouts;
 use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
-use crate::geom::split::{area_vector, split};
+use crate::geom::split::{area_vector, split, turns};
 
 /// Bend of a quad that still counts as planar, relative to its longest and to its shortest edge.
 const PLANAR: f64 = 1e-4;
@@ -23,6 +23,10 @@ const PLANAR_ACROSS: f64 = 0.01;
 const THIN: f64 = 1e-6;
 /// Four times the rounding of stored coordinates, relative to the largest.
 const ROUNDING: f64 = 4.0 / (1 << 24) as f64;
+/// Corners of a face at most: ear clipping takes up to two seconds there.
+const MOST_CORNERS: usize = 16_384;
+/// Of one that crosses itself: half a second there, with the cube of their number.
+const MOST_CROSSING: usize = 1_024;
 /// Patches with a longer edge are split, m: 1 cm at the greatest depth.
 const LONGEST_EDGE_M: f64 = 160.0;
 /// Widths of a typical patch up to which edges may be longer than that: a thousandth of one at the greatest depth.
@@ -101,6 +105,9 @@ fn one_face(
         corners.pop();
     }
     let points: Vec<DVec3> = corners.iter().map(|c| DVec3::from_array(c.1.map(f64::from))).collect();
+    if let Some(detail) = too_many(&points) {
+        return spilled.skipped.add(Cause::TooManyCorners, face.source, &detail);
+    }
     let mut made = 0;
     if points.len() >= 3 {
         for part in split(&points, planar_tolerance(&points, snap_m)) {
@@ -121,6 +128,18 @@ fn one_face(
             spilled.skipped.add(Cause::TooFar, face.source, &detail)
         }
         None => spilled.skipped.add(Cause::Degenerate, face.source, "face has no area"),
+    }
+}
+
+/// Why a polygon would take too long to cut up, if it would.
+fn too_many(points: &[DVec3]) -> Option<String> {
+    let n = points.len();
+    if n > MOST_CORNERS {
+        Some(format!("face has {n} corners, over the limit of {MOST_CORNERS}"))
+    } else if n > MOST_CROSSING && turns(points).abs() > 1.5 {
+        Some(format!("face has {n} corners and crosses itself, over the limit of {MOST_CROSSING} for such a one"))
+    } else {
+        None
     }
 }
 
@@ -248,5 +267,16 @@ mod tests {
             }
         }
         assert!((area - 500.0 * 300.0 - 7500.0).abs() < 1e-6, "{area}");
+    }
+    #[test]
+    fn a_face_that_would_take_minutes_to_cut_up_is_told_by_its_corners_and_crossings() {
+        let round = |n: u32, times: f64| -> Vec<DVec3> {
+            let angle = |i: u32| std::f64::consts::TAU * times * f64::from(i) / f64::from(n);
+            (0..n).map(angle).map(|a| DVec3::new(a.cos(), a.sin(), 0.0)).collect()
+        };
+        assert_eq!(too_many(&round(16_384, 1.0)), None);
+        assert!(too_many(&round(16_385, 1.0)).unwrap().contains("16385 corners, over the limit of 16384"));
+        assert_eq!(too_many(&round(1_023, 511.0)), None);
+        assert!(too_many(&round(1_025, 512.0)).unwrap().contains("1025 corners and crosses itself"));
     }
 }

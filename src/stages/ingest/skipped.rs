@@ -14,6 +14,8 @@ use crate::base::{Error, Result};
 pub enum Cause {
     /// Its record can't be read or names what is not there.
     BadFace,
+    /// Cutting it up would take for ever.
+    TooManyCorners,
     /// A corner is NaN or infinite.
     NotFinite,
     /// It has no area.
@@ -28,6 +30,7 @@ impl Cause {
     fn key(self) -> &'static str {
         match self {
             Self::BadFace => "bad_face",
+            Self::TooManyCorners => "too_many_corners",
             Self::NotFinite => "not_finite",
             Self::Degenerate => "degenerate",
             Self::TooFar => "too_far",

@@ -1,0 +1,154 @@
+//! What mutations begin with: small files that hold every form once, and extents as tasks write them.
+
+use bytemuck::Zeroable;
+use clerestory::base::{ClusterId, NodeName, PatchSide};
+use clerestory::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode};
+use clerestory::model::layout::ArraysBuilder;
+use clerestory::model::light::{ElementLight, LightHead, SectorLight};
+use clerestory::model::links::{LeafClosure, LinksHead, Visibility, pack};
+use clerestory::model::origin::{BakeCorner, PatchSource};
+use clerestory::model::rays::{ClusterRef, RayNode, RayPatch};
+use clerestory::model::visibility::{VisibilityHead, VisibleCluster};
+
+/// OBJ files.
+pub const OBJ: &[&str] = &[
+    "mtllib a.mtl \"b c.mtl\"\no room\ng wall\nusemtl white wall\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 0\n\
+     vt 0 0\nvt 1 0 0\nvn 0 0 1\nf 1/1/1 2/2/1 3//1 4\nf -4 -3 -2\ns off\nl 1 2\np 1\n",
+    "# comment \\\r\nv 0 \\\r\n1 2e-3\r\nv nan -inf 1.#IND\rv .5 1. +2\rf 1 2 3\rfo 1 2 3\rcurv 0 1 1 2\nsurf 0 1 0 1 1/1\n",
+    "\u{feff}v 1e308 -1e-308 0\nf 1 1 1 1/99999999999/1\nf 0 1 2\nf 9223372036854775807 2 3\nf 1 2\nf a b c\n",
+    "",
+];
+
+/// MTL files.
+pub const MTL: &[&str] = &[
+    "newmtl white wall\nKa 0 0 0\nKd 0.7 0.7 0.7\nKs 0 0 0\nNs 10\nd 1.0\nillum 2\nmap_Kd -s 1 1 1 x y.png\nKe 1 2 3\n",
+    "NEWMTL a\r\nkd 0.5 # grey\r\nke 5\rnewmtl a\rKd 1 1 1 1\rTr 0.5\rd -halo 0.5\rbump\rnorm x\rmap_ y\r",
+    "\u{feff}newmtl\nKd nan inf -1\nKe 1e400 1e39 1.#IND\nKd spectral a.rfl\nKd xyz 1 1 1\nKd 1 1\nKd\nKe 0,5\n",
+    "Kd 1 1 1\nnewmtl \u{e9}\u{1b}\n",
+];
+
+/// Files of points.
+pub const POINTS: &[&str] = &[
+    "x,y,z,nx,ny,nz\n1.5,2.5,0,0,0,1\n,,,,,\n-3,0.25,10,0,0,-2,\n",
+    "name,X, y ,z,\"nx\",NY,nz\r\n\"Desk 0, \"\"A\"\"\r\nhere\",1,2,3,0,0,1\r\n\"open,1,2,3,0,0,1\r\n",
+    "# points\r1 2 3\t0 0 1\r1.5 2 3 0 0 1\r7 1 2 3 0 0 1\r",
+    "room no\tx\ty\tz\tnx\tny\tnz\nA 1\t1.5\t2.5\t0\t0\t0\t1\n",
+    "x;y;z;nx;ny;nz\n0,5;1,5;0;0;0;1\n",
+    "\u{feff}1,2,3,0,0,1\n1,nan,3,0,0,1\n1,2,3,0,0,0\n",
+];
+
+fn patch(x: f32) -> PatchRecord {
+    let corners_m = [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x + 1.0, 1.0, 0.0], [x, 1.0, 0.0]];
+    PatchRecord { corners_m, corner_count: 4, sides: 3, tree_node: 1 + x as u32, area_m2: 1.0, ..PatchRecord::zeroed() }
+}
+
+/// A geometry extent: two patches under a root.
+pub fn geometry() -> Vec<u8> {
+    let head = ClusterHead { cluster: 7, patches: 2, max_m: [2.0, 1.0, 0.0], slices: 1, ..ClusterHead::zeroed() };
+    let node = |first_patch: u16, patch_count: u16, left: u32, right: u32, parent: u32| {
+        let x = f32::from(first_patch);
+        let max_m = [x + f32::from(patch_count), 1.0, 0.0];
+        TreeNode { min_m: [x, 0.0, 0.0], max_m, first_patch, patch_count, left, right, parent, reserved: [0; 2] }
+    };
+    let tree = [node(0, 2, 1, 2, NONE), node(0, 1, NONE, NONE, 0), node(1, 1, NONE, NONE, 0)];
+    let sectors = [SectorHead { name: NodeName::sector(ClusterId(7), 4, 0).0, area_m2: 2.0, tree_node: 0 }];
+    ArraysBuilder::default().with(&[head]).with(&[patch(0.0), patch(1.0)]).with(&tree).with(&sectors).finish()
+}
+
+/// A materials extent.
+pub fn materials() -> Vec<u8> {
+    ArraysBuilder::default().with(&[SideMaterial { rho: [0.5; 3], exitance: [3.0; 3] }; 4]).finish()
+}
+
+/// A light extent: four roots, one of them with children.
+pub fn light() -> Vec<u8> {
+    let root = |i: usize| NodeName::root(ClusterId(7), PatchSide::from_index(i));
+    let element = |name: NodeName| ElementLight { name: name.0, irradiance: [1.0; 3], spread: 0.0 };
+    let elements: Vec<_> = (0..4).map(root).chain((0..4).map(|q| root(1).child(q))).map(element).collect();
+    let mut level_start = [8; 16];
+    level_start[..2].copy_from_slice(&[0, 4]);
+    let head = LightHead { channels: 3, layer: 0, level_start, lit: 1, seen: 0 };
+    let name = NodeName::sector(ClusterId(7), 4, 0).0;
+    let sector = SectorLight { name, radiosity: [1.0; 3], irradiance: [1.0; 3], spread: 0.0, reserved: 0 };
+    ArraysBuilder::default().with(&[head]).with(&[sector]).with(&elements).finish()
+}
+
+/// A links extent: two receivers, three links.
+pub fn links() -> Vec<u8> {
+    let root = |i: usize| NodeName::root(ClusterId(7), PatchSide::from_index(i)).0;
+    let head = LinksHead { delta: 0, reserved: 0, receivers: 2, links: 3, reserved2: 0 };
+    let packed = [pack(Visibility::Visible, 0), pack(Visibility::Partial, 1), pack(Visibility::Surveyed, 2)];
+    let closure = LeafClosure {
+        leaf: root(0),
+        own_scale: 1.0,
+        own_correction: 0.0,
+        above_scale: 1.0,
+        above_correction: 0.0,
+        escape: 0.1,
+        unlinked: 0.0,
+        closed_sum: 0.9,
+        measured_escape: 0.1,
+    };
+    ArraysBuilder::default()
+        .with(&[head])
+        .with(&[root(0), root(1)])
+        .with(&[0u64, 2, 3])
+        .with(&[root(2), root(3), NodeName::ESCAPE.0])
+        .with(&packed)
+        .with(&[0.5f32, 0.2, 0.1])
+        .with(&[0.01f32; 3])
+        .with(&[0.001f32; 3])
+        .with(&[closure])
+        .finish()
+}
+
+/// A visibility extent.
+pub fn visibility() -> Vec<u8> {
+    let head = VisibilityHead { rays: 1000, escape: 0.1, missing: 0.01 };
+    let list = [VisibleCluster { cluster: 1, form_factor: 0.5 }, VisibleCluster { cluster: 7, form_factor: 0.0 }];
+    ArraysBuilder::default().with(&[head]).with(&list).finish()
+}
+
+fn nodes(items: u32) -> [RayNode; 3] {
+    let node = |first: u32, count: u32| RayNode { min_m: [0.0; 3], max_m: [2.0; 3], first, count };
+    [node(1, 0), node(0, 1), node(1, items - 1)]
+}
+
+/// A ray structure of a cluster.
+pub fn rays() -> Vec<u8> {
+    let patch = |i: u32| RayPatch {
+        corners_m: patch(i as f32).corners_m,
+        patch: i,
+        corner_count: 4,
+        area_m2: 1.0,
+        reserved: 0,
+    };
+    ArraysBuilder::default().with(&nodes(2)).with(&[patch(0), patch(1)]).finish()
+}
+
+/// A ray structure over clusters whose arrays lie in the same bytes.
+pub fn top_rays() -> Vec<u8> {
+    let at = |cluster: u32| ClusterRef { nodes_at: 48, patches_at: 48, cluster, nodes: 1, patches: 0, reserved: 0 };
+    ArraysBuilder::default().with(&nodes(2)).with(&[at(1), at(7)]).finish()
+}
+
+/// Sources of patches.
+pub fn provenance() -> Vec<u8> {
+    ArraysBuilder::default().with(&[PatchSource { patch: 1, file: 1, line: 9, face: 0 }; 3]).finish()
+}
+
+/// Corners as modelled.
+pub fn bake() -> Vec<u8> {
+    ArraysBuilder::default().with(&[BakeCorner { corner: 5, ..BakeCorner::zeroed() }; 3]).finish()
+}
+
+/// Polygons as f32 pairs and heights: an L, a needle, a bow tie, one point over and over.
+pub fn polygons() -> Vec<Vec<u8>> {
+    let of = |corners: &[[f32; 3]]| bytemuck::cast_slice(corners).to_vec();
+    vec![
+        of(&[[0., 0., 0.], [3., 0., 0.], [3., 1., 0.], [1., 1., 0.], [1., 3., 0.], [0., 3., 0.]]),
+        of(&[[0., 0., 0.], [1., 1e-7, 0.], [2., 0., 0.], [1., -1e-7, 0.]]),
+        of(&[[0., 0., 1.], [1., 1., 1.], [1., 0., 1.], [0., 1., 1.], [0.5, 0.5, 2.]]),
+        of(&[[4.; 3]; 9]),
+    ]
+}
