@@ -14,6 +14,7 @@ use clerestory::model::rays::TopRaysView;
 use clerestory::model::report::TaskReport;
 use clerestory::model::{ExtentKind, invariants};
 use clerestory::rays::RayScene;
+use clerestory::rays::emitters::NO_EMITTERS;
 use clerestory::store::extent_header::ExtentHeader;
 use glam::DVec3;
 use xxhash_rust::xxh3::xxh3_64;
@@ -224,5 +225,7 @@ fn read_links(bytes: &[u8]) -> bool {
 }
 
 fn read_top_rays(bytes: &[u8]) -> bool {
-    aligned(bytes, |bytes| TopRaysView::parse(bytes).is_ok_and(|top| RayScene::new(top, bytes, 1e-3).is_ok()))
+    aligned(bytes, |bytes| {
+        TopRaysView::parse(bytes).is_ok_and(|top| RayScene::new(top, bytes, &NO_EMITTERS, 1e-3).is_ok())
+    })
 }
