@@ -50,8 +50,9 @@ FROM processes;
 
 DROP VIEW IF EXISTS v_solution_versions;
 CREATE VIEW v_solution_versions AS
-SELECT id AS version, parent, branch, iteration, is_iteration_end, tolerance, residual, contraction,
-       predicted_error, converged, is_kept, clusters_changed,
+-- Of versions that `gc` removed (is_kept 0) the figures stay; sample, render and export read those with is_kept 1.
+SELECT id AS version, parent, branch, iteration, is_iteration_end, is_kept, tolerance, residual, contraction,
+       predicted_error, converged, clusters_changed,
        emitted_r_w, emitted_g_w, emitted_b_w, absorbed_r_w, absorbed_g_w, absorbed_b_w,
        escaped_r_w, escaped_g_w, escaped_b_w, energy_balance, elements, links_evaluated, links_stored,
        links_reused, rays, unlinked_mean,

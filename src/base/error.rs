@@ -53,6 +53,8 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong with it.
         detail: String,
+        /// What to do, where it is not to see all damages.
+        help: Option<String>,
     },
     /// 13: an earlier stage is missing or out of date.
     StageMissing {
@@ -96,7 +98,18 @@ impl Error {
     /// Damage found in a store.
     #[must_use]
     pub fn damaged(path: &Path, detail: impl Into<String>) -> Self {
-        Self::Damaged { path: path.to_path_buf(), detail: detail.into() }
+        Self::Damaged { path: path.to_path_buf(), detail: detail.into(), help: None }
+    }
+
+    /// The same error with another help, if it is damage.
+    #[must_use]
+    pub fn with_help_for_damage(self, text: impl FnOnce() -> String) -> Self {
+        match self {
+            Self::Damaged { path, detail, help } => {
+                Self::Damaged { path, detail, help: Some(help.unwrap_or_else(text)) }
+            }
+            other => other,
+        }
     }
 
     /// One imperative sentence that, followed literally, removes the cause.
@@ -111,10 +124,10 @@ impl Error {
             Self::NoStore { store } => {
                 format!("make one with `clerestory ingest {} MODEL.obj`, or name another store", for_shell(store))
             }
-            Self::Busy { .. } => "wait for it to end, or give `--wait SECONDS`".to_owned(),
-            Self::Damaged { .. } => {
-                "run `clerestory check STORE` to see all damages, then redo the stage with `--fresh`".to_owned()
-            }
+            Self::Busy { .. } => "wait for it to end, or give `--wait 600` to wait ten minutes".to_owned(),
+            Self::Damaged { path, help, .. } => help.clone().unwrap_or_else(|| {
+                format!("run `clerestory check {}`: it names all damages, and what to do", for_shell(store_of(path)))
+            }),
             Self::Interrupted => "run the same command again: it resumes".to_owned(),
             Self::ReaderGone => "nothing is left to do".to_owned(),
         }
@@ -138,6 +151,19 @@ impl Error {
     }
 }
 
+/// The store that a file of it lies in; a store's folder itself.
+fn store_of(path: &Path) -> &Path {
+    let within = |path: &Path, name: &str| path.file_name().is_some_and(|n| n == name);
+    let parent = path.parent().unwrap_or(path);
+    let folder = match path.extension().and_then(|e| e.to_str()) {
+        Some("seg") if within(parent, "segments") => parent.parent().unwrap_or(parent),
+        Some("sqlite" | "lock") => parent,
+        _ if within(path, "segments") => parent,
+        _ => path,
+    };
+    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -148,7 +174,7 @@ impl fmt::Display for Error {
             | Self::TooLarge { message, .. } => f.write_str(message),
             Self::NoStore { store } => write!(f, "{}: no store here", shown(store)),
             Self::Busy { store, holder } => write!(f, "{}: busy, held by {holder}", shown(store)),
-            Self::Damaged { path, detail } => write!(f, "{}: damaged: {detail}", shown(path)),
+            Self::Damaged { path, detail, .. } => write!(f, "{}: damaged: {detail}", shown(path)),
             Self::Interrupted => f.write_str("interrupted"),
             Self::ReaderGone => f.write_str("whoever read the output has gone away"),
         }
@@ -156,3 +182,18 @@ impl fmt::Display for Error {
 }
 
 impl std::error::Error for Error {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn damage_of_any_file_of_a_store_names_the_command_for_that_store() {
+        for file in ["segments/000001-rays.seg", "segments", "scene.sqlite", "readers.lock", ""] {
+            let path = Path::new("my house.clr").join(file);
+            let path = if file.is_empty() { Path::new("my house.clr") } else { &path };
+            let help = Error::damaged(path, "cut off").remedy();
+            assert!(help.contains("`clerestory check 'my house.clr'`"), "{file}: {help}");
+        }
+    }
+}

@@ -331,7 +331,8 @@ fn command_line(words: &[OsString]) -> String {
 }
 
 fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let open = if args.dry_run { entry::open } else { entry::open_to_make_room };
+    let store = open(&args.store, common.wait)?;
     let plan = gc::plan(&store, &gc::Options { keep: args.keep })?;
     if args.dry_run {
         let text = format!("keep version 0 and the newest {} ends of iterations of each branch", args.keep);

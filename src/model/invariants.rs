@@ -1,12 +1,12 @@
 //! What must be true of an extent beyond its checksum; each function says what is not.
 
-use super::Arrays;
-use super::geometry::{GeometryView, NONE, SideMaterial};
+use super::geometry::{GeometryView, NONE, SideMaterial, TreeNode};
 use super::light::LightView;
 use super::links::{LinksView, Visibility, class_of};
 use super::origin::{BakeCorner, PatchSource};
-use super::rays::ClusterRaysView;
+use super::rays::{ClusterRaysView, TopRaysView, hierarchy};
 use super::visibility::VisibilityView;
+use super::{Arrays, ExtentKind};
 use crate::base::NodeName;
 
 /// Rounding of stored factors and sums.
@@ -35,18 +35,29 @@ pub fn geometry(payload: &[u8], cluster: u32) -> Result<(), String> {
         let finite = patch.corners_m.iter().flatten().all(|x| x.is_finite());
         ensure(finite && patch.area_m2 > 0.0, || format!("patch {i} is not finite or has no area"))?;
         let leaf = view.tree.get(patch.tree_node as usize);
-        let holds = leaf.is_some_and(|n| (n.first_patch..n.first_patch + n.patch_count).contains(&(i as u16)));
+        let holds = leaf.is_some_and(|n| below(n).contains(&i));
         ensure(holds, || format!("patch {i} is not below its tree node"))?;
     }
     let whole = view.tree.first().ok_or("the tree is empty")?;
     let covers = whole.first_patch == 0 && usize::from(whole.patch_count) == view.patches.len();
     ensure(covers && whole.parent == NONE, || "the tree's root does not cover the patches".to_owned())?;
     for (i, node) in view.tree.iter().enumerate() {
+        // A node above lies before: every walk up or down ends.
+        ensure((i == 0) == (node.parent == NONE) && (i == 0 || (node.parent as usize) < i), || {
+            format!("tree node {i} lies before the one above it")
+        })?;
+        ensure(below(node).end <= view.patches.len(), || format!("tree node {i} has patches that are not there"))?;
         tree_node(&view, i, node.left, node.right)?;
     }
     ensure(ascending(view.sectors.iter().map(|s| s.name)), || "sector nodes are out of order".to_owned())?;
     let placed = view.sectors.iter().all(|s| (s.tree_node as usize) < view.tree.len());
     ensure(placed, || "a sector node has no tree node".to_owned())
+}
+
+/// The patches below a tree node.
+fn below(node: &TreeNode) -> std::ops::Range<usize> {
+    let first = usize::from(node.first_patch);
+    first..first + usize::from(node.patch_count)
 }
 
 fn tree_node(view: &GeometryView<'_>, at: usize, left: u32, right: u32) -> Result<(), String> {
@@ -57,9 +68,8 @@ fn tree_node(view: &GeometryView<'_>, at: usize, left: u32, right: u32) -> Resul
     let child = |index: u32| view.tree.get(index as usize).filter(|c| c.parent as usize == at);
     let (Some(a), Some(b)) = (child(left), child(right)) else { return Err(wrong("and its children disagree")) };
     let node = &view.tree[at];
-    let split = a.first_patch == node.first_patch
-        && b.first_patch == a.first_patch + a.patch_count
-        && a.patch_count + b.patch_count == node.patch_count;
+    let (whole, first, second) = (below(node), below(a), below(b));
+    let split = whole.start == first.start && first.end == second.start && second.end == whole.end;
     ensure(split, || wrong("is not made up of its children's patches"))?;
     let inside = [a, b].iter().all(|c| {
         (0..3).all(|i| node.min_m[i] <= c.min_m[i] && c.max_m[i] <= node.max_m[i] && c.min_m[i] <= c.max_m[i])
@@ -138,20 +148,45 @@ pub fn visibility(payload: &[u8]) -> Result<(), String> {
     ensure(fractions, || "a form factor lies outside 0..=1".to_owned())
 }
 
-/// Every patch is met, and every node refers to what is there.
+/// Every patch is met once, has a shape, and every node refers to what is there.
 pub fn rays(payload: &[u8], patches: usize) -> Result<(), String> {
     let view = ClusterRaysView::parse(payload)?;
     let met: std::collections::BTreeSet<u32> = view.patches.iter().map(|p| p.patch).collect();
-    ensure(met.len() == patches, || format!("rays meet {} of {patches} patches", met.len()))?;
-    let placed = view.nodes.iter().all(|n| {
-        let (end, among) = if n.count == 0 {
-            (n.first as usize + 2, view.nodes.len())
-        } else {
-            ((n.first + n.count) as usize, view.patches.len())
-        };
-        end <= among
-    });
-    ensure(placed && !view.nodes.is_empty(), || "a node refers to what is not there".to_owned())
+    let last = met.last().map_or(0, |&last| last as usize + 1);
+    let all = met.len() == patches && last == patches && view.patches.len() == patches;
+    ensure(all, || format!("rays meet {} of {patches} patches", met.len()))?;
+    for patch in view.patches {
+        let shaped = matches!(patch.corner_count, 3 | 4) && patch.corners_m.iter().flatten().all(|x| x.is_finite());
+        ensure(shaped, || format!("patch {} has no shape", patch.patch))?;
+    }
+    hierarchy(view.nodes, patches)
+}
+
+/// Clusters are met once, and every node refers to what is there.
+pub fn rays_top(payload: &[u8]) -> Result<(), String> {
+    let view = TopRaysView::parse(payload)?;
+    hierarchy(view.nodes, view.clusters.len())?;
+    let mut met: Vec<u32> = view.clusters.iter().map(|c| c.cluster).collect();
+    met.sort_unstable();
+    ensure(ascending(met), || "a cluster is met twice".to_owned())
+}
+
+/// What must be true of an extent of a kind; `patches`: how many its cluster has.
+pub fn of(kind: ExtentKind, payload: &[u8], cluster: u32, patches: usize) -> Result<(), String> {
+    match kind {
+        ExtentKind::Geometry => {
+            let own = GeometryView::parse(payload)?.patches.len();
+            ensure(own == patches, || format!("{own} patches where the catalogue says {patches}"))?;
+            geometry(payload, cluster)
+        }
+        ExtentKind::Visibility => visibility(payload),
+        ExtentKind::Links => links(payload, cluster),
+        ExtentKind::Materials => materials(payload, patches),
+        ExtentKind::Radiosity => light(payload, cluster, patches),
+        ExtentKind::Rays => rays(payload, patches),
+        ExtentKind::Bake => bake(payload, patches),
+        ExtentKind::Provenance => provenance(payload, patches),
+    }
 }
 
 /// Sources name patches of the cluster.

@@ -73,6 +73,10 @@ impl<'a> ClusterRaysView<'a> {
         let arrays = Arrays::new(payload);
         Ok(Self { nodes: arrays.get(0)?, patches: arrays.get(1)? })
     }
+
+    /// Bytes from a payload's start to the first node, which is where the array behind two entries of the table
+    /// begins.
+    pub const NODES_AT: u64 = 48;
 }
 
 /// The structure over all clusters; it lies in the same segment file as every cluster's.
@@ -90,4 +94,29 @@ impl<'a> TopRaysView<'a> {
         let arrays = Arrays::new(payload);
         Ok(Self { nodes: arrays.get(0)?, clusters: arrays.get(1)? })
     }
+}
+
+/// Deepest that a hierarchy may be: a traversal's stack holds as many nodes. obvhs keeps its trees below 96.
+pub const DEEPEST: usize = 126;
+
+/// Whether every node refers to what is there, among so many items, and a walk from the root ends; what is
+/// wrong otherwise.
+pub fn hierarchy(nodes: &[RayNode], items: usize) -> Result<(), String> {
+    let mut waiting = vec![(0usize, 0usize)];
+    let mut visited = 0;
+    while let Some((at, depth)) = waiting.pop() {
+        let node = nodes.get(at).ok_or_else(|| format!("there is no ray node {at}"))?;
+        visited += 1;
+        // More visits than nodes: some node is below itself or below two others.
+        if visited > nodes.len() || depth > DEEPEST {
+            return Err("the ray nodes are no tree".to_owned());
+        }
+        let first = node.first as usize;
+        if node.count == 0 {
+            waiting.extend([(first, depth + 1), (first + 1, depth + 1)]);
+        } else if first + node.count as usize > items {
+            return Err(format!("ray node {at} refers to items {first} and on, beyond the last of {items}"));
+        }
+    }
+    Ok(())
 }

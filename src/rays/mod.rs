@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod emitters;
+pub mod first_look;
 pub mod locate;
 pub mod node;
 pub mod recent;
@@ -11,5 +12,6 @@ pub mod shaft;
 pub mod traverse;
 
 pub use emitters::Emitters;
+pub use first_look::FirstLook;
 pub use scene::{PatchKey, RayScene};
 pub use traverse::{Hit, RayEnd};

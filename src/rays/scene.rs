@@ -1,6 +1,7 @@
 //! The rays' view of a model: the top level, and the clusters' structures in one mapped file.
 
 use super::emitters::Emitters;
+use super::first_look::FirstLook;
 use crate::model::rays::{ClusterRaysView, ClusterRef, RayNode, RayPatch, TopRaysView};
 
 /// A patch anywhere in the model.
@@ -19,6 +20,8 @@ pub struct RayScene<'a> {
     file: &'a [u8],
     /// What is seen first of faces that coincide.
     pub(super) emitters: &'a Emitters,
+    /// Checks what rays come to; what is not looked at is trusted.
+    look: Option<&'a FirstLook<'a>>,
     /// Faces this near coincide, m.
     pub(super) snap_m: f64,
 }
@@ -30,7 +33,7 @@ impl<'a> RayScene<'a> {
         if top.nodes.is_empty() {
             return Err("the top level of the ray structure is empty".to_owned());
         }
-        let scene = Self { top, file, emitters, snap_m };
+        let scene = Self { top, file, emitters, look: None, snap_m };
         for at in top.clusters {
             if scene.try_cluster(at).is_none_or(|c| c.nodes.is_empty()) {
                 return Err(format!("the ray structure of cluster {} lies outside its segment", at.cluster));
@@ -52,9 +55,23 @@ impl<'a> RayScene<'a> {
         })
     }
 
+    /// The same scene, of which rays meet only what has been looked at and found sound.
+    #[must_use]
+    pub fn with_first_look(self, look: &'a FirstLook<'a>) -> Self {
+        Self { look: Some(look), ..self }
+    }
+
+    /// The clusters of a leaf of the top level, with their structures.
     #[inline]
-    pub(super) fn cluster(&self, at: &ClusterRef) -> ClusterRaysView<'a> {
-        self.try_cluster(at).expect("`new` checked every cluster")
+    pub(super) fn clusters_of(&self, leaf: &RayNode) -> impl Iterator<Item = (u32, ClusterRaysView<'a>)> {
+        let (first, count) = (leaf.first as usize, leaf.count as usize);
+        let clusters = &self.top.clusters[first..first + count];
+        clusters.iter().enumerate().filter_map(move |(i, at)| {
+            if self.look.is_some_and(|look| !look.finds_sound(first + i, at)) {
+                return None;
+            }
+            Some((at.cluster, self.try_cluster(at).expect("`new` checked every cluster")))
+        })
     }
 
     /// Faces this near coincide, m.

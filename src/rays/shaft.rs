@@ -291,8 +291,7 @@ impl<'a> RayScene<'a> {
                 top.extend([node.first, node.first + 1]);
                 continue;
             }
-            for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
-                let rays = self.cluster(reference);
+            for (cluster, rays) in self.clusters_of(node) {
                 stack.clear();
                 stack.push(0u32);
                 while let Some(at) = stack.pop() {
@@ -305,7 +304,7 @@ impl<'a> RayScene<'a> {
                         continue;
                     }
                     let patches = &rays.patches[node.first as usize..(node.first + node.count) as usize];
-                    if patches.iter().any(|patch| test((reference.cluster, patch))) {
+                    if patches.iter().any(|patch| test((cluster, patch))) {
                         return true;
                     }
                 }

@@ -10,7 +10,7 @@ use super::scene::{PatchKey, RayScene};
 use super::shaft::Blockers;
 use crate::base::PatchSide;
 use crate::geom::bounds::Bounds;
-use crate::model::rays::{RayNode, RayPatch};
+use crate::model::rays::{DEEPEST, RayNode, RayPatch};
 
 /// Which of several coincident faces a viewer sees: the least. What emits there before what does not (a lamp among
 /// the tiles of a ceiling, however either is divided), fronts before backs, then the smaller (a panel laid on a
@@ -148,15 +148,14 @@ impl RayScene<'_> {
         let (mut of_top, mut of_cluster) = ([(0, 0.0); DEPTH], [(0, 0.0); DEPTH]);
         let mut top = Stack::new(&mut of_top, ray, self.top.nodes, low, limit);
         while let Some(node) = top.pop(ray, limit) {
-            for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
-                let rays = self.cluster(reference);
+            for (cluster, rays) in self.clusters_of(node) {
                 let mut stack = Stack::new(&mut of_cluster, ray, rays.nodes, low, limit);
                 while let Some(leaf) = stack.pop(ray, limit) {
                     for patch in &rays.patches[leaf.first as usize..(leaf.first + leaf.count) as usize] {
                         if let Some(t) = ray.meets(patch)
                             && t >= low
                             && t <= limit
-                            && met(reference.cluster, patch, t, &mut limit)
+                            && met(cluster, patch, t, &mut limit)
                         {
                             return;
                         }
@@ -271,8 +270,7 @@ impl RayScene<'_> {
                 top.extend([node.first, node.first + 1]);
                 continue;
             }
-            for reference in &self.top.clusters[node.first as usize..(node.first + node.count) as usize] {
-                let rays = self.cluster(reference);
+            for (cluster, rays) in self.clusters_of(node) {
                 let mut stack = vec![0u32];
                 while let Some(at) = stack.pop() {
                     let node = &rays.nodes[at as usize];
@@ -282,7 +280,7 @@ impl RayScene<'_> {
                     let items = node.first as usize..(node.first + node.count) as usize;
                     if node.count == 0 {
                         stack.extend([node.first, node.first + 1]);
-                    } else if rays.patches[items].iter().any(|patch| test(reference.cluster, patch)) {
+                    } else if rays.patches[items].iter().any(|patch| test(cluster, patch)) {
                         return true;
                     }
                 }
@@ -354,8 +352,8 @@ pub enum Nearest {
     Covered,
 }
 
-/// Deepest stack of a traversal; obvhs keeps its trees below 96 levels.
-const DEPTH: usize = 128;
+/// Deepest stack of a traversal.
+const DEPTH: usize = DEEPEST + 2;
 
 /// Nodes still to visit, with where the ray enters them.
 struct Stack<'a, 'w> {

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::link_levels::{self, LevelCount};
-use crate::base::{ClusterId, Error, Progress, Result};
-use crate::model::geometry::GeometryView;
-use crate::model::rays::{RayNode, RayPatch, TOP, TopRaysView};
-use crate::model::{ExtentKind, invariants};
+use crate::base::text::for_shell;
+use crate::base::{Error, Progress, Result};
+use crate::model::ExtentKind;
+use crate::model::rays::TOP;
 use crate::store::inventory::ExtentRow;
 use crate::store::{Snapshot, Store};
 
@@ -68,7 +68,8 @@ impl super::summary::Summary for Summary {
         let first = self.damages.first()?;
         let place = if first.id.is_empty() { first.kind.clone() } else { format!("{} {}", first.kind, first.id) };
         let detail = format!("{place}: {} ({} damages in all)", first.detail, self.damages_total);
-        Some(Error::damaged(&first.path, detail))
+        let next = self.next.clone().unwrap_or_default();
+        Some(Error::damaged(&first.path, detail).with_help_for_damage(|| format!("make it anew: `{next}`")))
     }
 }
 
@@ -91,12 +92,60 @@ impl Checker<'_> {
     /// Adds an error of reading, unless it is not about damage.
     fn add_error(&mut self, kind: &str, id: String, error: Error) -> Result<()> {
         match error {
-            Error::Damaged { path, detail } => {
+            Error::Damaged { path, detail, .. } => {
                 self.add(kind, &path, id, detail);
                 Ok(())
             }
             other => Err(other),
         }
+    }
+
+    /// Does a part of the checking; damage that ends it is named.
+    fn whole(&mut self, kind: &str, part: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
+        part(self).or_else(|error| self.add_error("catalogue", kind.to_owned(), error))
+    }
+
+    /// What SQLite itself finds, and rows that are not what was written.
+    fn catalogue(&mut self) -> Result<()> {
+        let path = self.store.dir().join("scene.sqlite");
+        self.whole("pages", |checker| {
+            for detail in checker.store.catalogue_damages()? {
+                checker.add("catalogue", &path, "", detail);
+            }
+            Ok(())
+        })?;
+        self.whole("rows", |checker| {
+            for (table, detail) in checker.store.broken_seals()? {
+                checker.add("catalogue", &path, table, detail);
+            }
+            Ok(())
+        })
+    }
+
+    /// Whether there is a model to check; if its own row is damaged, which is named by then, too.
+    fn has_model(&self) -> Result<bool> {
+        match self.store.facts_if_any() {
+            Err(Error::Damaged { .. }) => Ok(true),
+            facts => Ok(facts?.is_some()),
+        }
+    }
+
+    fn extents(&mut self, progress: &dyn Progress) -> Result<()> {
+        for kind in ExtentKind::ALL {
+            progress.begin("check", "extents", None);
+            let mut done = 0;
+            self.whole("places of extents", |checker| {
+                checker.store.for_each_extent(kind, &mut |row| {
+                    done += 1;
+                    progress.at(done);
+                    if progress.interrupted() {
+                        return Err(Error::Interrupted);
+                    }
+                    checker.extent(kind, row)
+                })
+            })?;
+        }
+        Ok(())
     }
 
     fn extent(&mut self, kind: ExtentKind, row: ExtentRow) -> Result<()> {
@@ -117,29 +166,10 @@ impl Checker<'_> {
 
     fn read(&self, kind: ExtentKind, row: ExtentRow) -> Result<()> {
         let extent = self.store.extent_checked_now(row.at, kind)?;
-        let (payload, cluster) = (extent.payload(), row.cluster);
-        if extent.header().cluster != cluster {
-            return Err(extent.damage(format!("the catalogue says it is cluster {cluster}'s")));
+        if extent.header().cluster == row.cluster {
+            return Ok(());
         }
-        // Where the geometry itself is damaged, that is named once, with the geometry.
-        let patches = || self.patches(cluster);
-        let verdict = match kind {
-            ExtentKind::Geometry => invariants::geometry(payload, cluster),
-            ExtentKind::Visibility => invariants::visibility(payload),
-            ExtentKind::Links => invariants::links(payload, cluster),
-            ExtentKind::Materials => patches().map_or(Ok(()), |n| invariants::materials(payload, n)),
-            ExtentKind::Radiosity => patches().map_or(Ok(()), |n| invariants::light(payload, cluster, n)),
-            ExtentKind::Rays => patches().map_or(Ok(()), |n| invariants::rays(payload, n)),
-            ExtentKind::Bake => patches().map_or(Ok(()), |n| invariants::bake(payload, n)),
-            ExtentKind::Provenance => patches().map_or(Ok(()), |n| invariants::provenance(payload, n)),
-        };
-        verdict.map_err(|detail| extent.damage(detail))
-    }
-
-    fn patches(&self, cluster: u32) -> Option<usize> {
-        let snapshot = Snapshot::at(self.store, 0).ok()?;
-        let extent = snapshot.extent(ExtentKind::Geometry, ClusterId(cluster)).ok()??;
-        extent.parse(GeometryView::parse).ok().map(|view| view.patches.len())
+        Err(extent.damage(format!("the catalogue says it is cluster {}'s", row.cluster)))
     }
 
     /// Every kept version gives every cluster its light and materials.
@@ -160,28 +190,24 @@ impl Checker<'_> {
         Ok(())
     }
 
-    fn ray_top(&mut self) -> Result<()> {
-        let read = || -> Result<()> {
-            let Some((top, file)) = self.store.ray_top()? else { return Ok(()) };
-            let view = top.parse(TopRaysView::parse)?;
-            for at in view.clusters {
-                let ends = |from: u64, count: u32, size: usize| from + u64::from(count) * size as u64;
-                let end = ends(at.nodes_at, at.nodes, size_of::<RayNode>()).max(ends(
-                    at.patches_at,
-                    at.patches,
-                    size_of::<RayPatch>(),
-                ));
-                if end > file.len() as u64 {
-                    return Err(top.damage(format!("cluster {} lies outside the segment", at.cluster)));
-                }
-            }
+    /// The top level refers to every cluster, and to what its structure really is.
+    fn rays(&mut self) -> Result<()> {
+        let mut found = Vec::new();
+        let mut read = || -> Result<()> {
+            let rays = self.store.rays()?;
+            let top = rays.top()?;
+            found.extend(top.clusters.iter().filter_map(|at| Some((at.cluster, rays.check(at).err()?))));
             let clusters = self.store.facts()?.clusters;
-            if view.clusters.len() as u64 != clusters {
-                return Err(top.damage(format!("{} clusters of {clusters}", view.clusters.len())));
+            if top.clusters.len() as u64 != clusters {
+                return Err(rays.damage(format!("{} clusters of {clusters}", top.clusters.len())));
             }
             Ok(())
         };
-        read().or_else(|error| self.add_error("rays", format!("top level (cluster {TOP})"), error))
+        let whole = read();
+        for (cluster, error) in found {
+            self.add_error("rays", format!("cluster {cluster}, as the top level has it"), error)?;
+        }
+        whole.or_else(|error| self.add_error("rays", format!("top level (cluster {TOP})"), error))
     }
 
     fn segments(&mut self, progress: &dyn Progress) -> Result<()> {
@@ -195,7 +221,8 @@ impl Checker<'_> {
             }
             for (at, detail) in found {
                 if !self.known.contains(&(row.id, at)) {
-                    self.add("segment", &row.path, format!("byte {at}"), detail);
+                    let path = self.store.dir().join("segments").join(&row.name);
+                    self.add("segment", &path, format!("byte {at}"), detail);
                 }
             }
             self.summary.segments += 1;
@@ -208,35 +235,37 @@ impl Checker<'_> {
 /// Verifies a store. Damages are in the summary, not in the error.
 pub fn execute(store: &Store, _options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let mut checker = Checker { store, summary: Summary::default(), known: BTreeSet::new() };
-    let catalogue = store.dir().join("scene.sqlite");
-    for detail in store.catalogue_damages()? {
-        checker.add("catalogue", &catalogue, "", detail);
+    checker.catalogue()?;
+    let has_model = checker.has_model()?;
+    if has_model {
+        checker.extents(progress)?;
+        checker.rays()?;
+        checker.whole("versions", Checker::versions)?;
     }
-    if store.facts_if_any()?.is_some() {
-        for kind in ExtentKind::ALL {
-            progress.begin("check", "extents", None);
-            let mut done = 0;
-            store.for_each_extent(kind, &mut |row| {
-                done += 1;
-                progress.at(done);
-                if progress.interrupted() {
-                    return Err(Error::Interrupted);
-                }
-                checker.extent(kind, row)
-            })?;
-        }
-        checker.ray_top()?;
-        checker.versions()?;
-    }
-    checker.segments(progress)?;
+    checker.whole("segments", |checker| checker.segments(progress))?;
     let mut summary = checker.summary;
-    if summary.damages.is_empty() && store.facts_if_any()?.is_some() {
+    if summary.damages.is_empty() && has_model {
         summary.links_by_level = link_levels::count(store)?;
     }
-    let dir = store.dir().display();
-    let next = if summary.damages.is_empty() { "status" } else { "ingest --fresh" };
-    summary.next = Some(format!("clerestory {next} {dir}"));
+    summary.next = Some(if summary.damages.is_empty() {
+        format!("clerestory status {}", for_shell(store.dir()))
+    } else {
+        mend(store)
+    });
     Ok(summary)
+}
+
+/// What makes a damaged store anew: the command for its models, or else to set it aside.
+fn mend(store: &Store) -> String {
+    let name = for_shell(store.dir());
+    match store.models() {
+        Ok(models) if !models.is_empty() && models.iter().all(|model| model.is_file()) => {
+            let models: Vec<String> = models.iter().map(for_shell).collect();
+            format!("clerestory run {} --store {name} --fresh", models.join(" "))
+        }
+        // Where its models are not known or have gone.
+        _ => format!("mv {name} {name}.damaged"),
+    }
 }
 
 #[cfg(test)]
@@ -246,7 +275,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::base::Quiet;
+    use crate::base::{ClusterId, Quiet};
     use crate::model::order::UpdateOrder;
     use crate::stages::merge;
     use crate::store::fixture;

@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
+use crate::base::text::for_shell;
 use crate::base::{Progress, Result};
-use crate::store::Store;
+use crate::store::{Store, reserve};
 
 /// Flags of `gc`.
 #[derive(Clone, Debug)]
@@ -51,16 +52,20 @@ pub fn plan(store: &Store, options: &Options) -> Result<Plan> {
     Ok(Plan { keep: options.keep })
 }
 
-/// Rows first, then whole files, then files that are mostly garbage, then tails of files.
+/// Gives room back from the first step on, since a full disk is where it is needed most: the reserve, what needs no
+/// row written, then rows and whole files, then files that are mostly garbage.
 pub fn execute(store: &Store, plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
     progress.begin("remove", "versions", None);
+    let mut bytes_freed = store.truncate_segments()?;
+    bytes_freed += store.drop_unreferenced_segments()?;
     let versions_removed = store.forget_old_versions(plan.keep)?;
     progress.at(versions_removed);
-    let mut bytes_freed = store.drop_unreferenced_segments()?;
+    bytes_freed += store.drop_unreferenced_segments()?;
     bytes_freed += store.compact_segments()?;
     bytes_freed += store.truncate_segments()?;
     store.checkpoint()?;
-    let next = Some(format!("clerestory status {}", store.dir().display()));
+    reserve::keep(store.dir());
+    let next = Some(format!("clerestory status {}", for_shell(store.dir())));
     Ok(Summary { versions_removed, bytes_freed, next })
 }
 

@@ -1,44 +1,34 @@
-//! What rays can meet, opened for a version: the ray structure, and which of its sides emit.
+//! What rays can meet, opened for a version: the ray structures, checked as rays come to them, and which sides emit.
 
-use std::sync::Arc;
-
-use memmap2::Mmap;
-
-use crate::base::{Error, Result};
+use crate::base::Result;
 use crate::model::geometry::SideMaterial;
-use crate::model::rays::TopRaysView;
+use crate::model::rays::ClusterRef;
 use crate::model::{Arrays, ExtentKind};
-use crate::rays::{Emitters, RayScene};
-use crate::store::{Extent, Snapshot};
+use crate::rays::{Emitters, FirstLook, RayScene};
+use crate::store::Snapshot;
 
-/// The mapped ray structure with what a version adds to it.
-pub struct SceneFiles {
-    top: Extent,
-    file: Arc<Mmap>,
-    emitters: Emitters,
-    snap_m: f64,
+/// A version's scene, open.
+pub struct OpenScene<'a> {
+    /// The scene.
+    pub scene: RayScene<'a>,
+    /// Tells whether rays have passed through damage so far.
+    pub look: &'a FirstLook<'a>,
+    /// Whether nothing emits.
+    pub is_dark: bool,
 }
 
-impl SceneFiles {
-    /// Opens them; a store without a ray structure is damaged.
-    pub fn open(snapshot: &Snapshot<'_>) -> Result<Self> {
-        let store = snapshot.store();
-        let (top, file) =
-            store.ray_top()?.ok_or_else(|| Error::damaged(store.dir(), "the model has no ray structure"))?;
-        Ok(Self { top, file, emitters: emitters(snapshot)?, snap_m: store.facts()?.snap_m })
-    }
-
-    /// Whether nothing emits in this version.
-    #[must_use]
-    pub fn is_dark(&self) -> bool {
-        self.emitters.is_empty()
-    }
-
-    /// The scene.
-    pub fn scene(&self) -> Result<RayScene<'_>> {
-        let view = self.top.parse(TopRaysView::parse)?;
-        RayScene::new(view, &self.file, &self.emitters, self.snap_m).map_err(|e| self.top.damage(e))
-    }
+/// Works with a version's scene. Fails in the end if rays have passed through damage.
+pub fn with_scene<T>(snapshot: &Snapshot<'_>, work: impl FnOnce(&OpenScene<'_>) -> Result<T>) -> Result<T> {
+    let store = snapshot.store();
+    let rays = store.rays()?;
+    let check = |at: &ClusterRef| rays.check(at);
+    let look = FirstLook::new(rays.top()?.clusters.len(), &check);
+    let (emitters, snap_m) = (emitters(snapshot)?, store.facts()?.snap_m);
+    let scene = RayScene::new(rays.top()?, rays.file(), &emitters, snap_m).map_err(|e| rays.damage(e))?;
+    let scene = scene.with_first_look(&look);
+    let done = work(&OpenScene { scene, look: &look, is_dark: emitters.is_empty() });
+    look.verdict()?;
+    done
 }
 
 fn emitters(snapshot: &Snapshot<'_>) -> Result<Emitters> {

@@ -13,7 +13,7 @@ use super::entry;
 use super::leaves;
 use super::output::{self, Output};
 use super::point_light::PointLight;
-use super::ray_scene::SceneFiles;
+use super::ray_scene::with_scene;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::text::shown;
@@ -218,22 +218,24 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
                     let store = Store::open(&dir, wait)?;
                     let set = WorkingSet::open(&store, version)?;
                     let min_element_m = tolerances::min_element_m(&store, version, facts)?;
-                    let files = SceneFiles::open(set.snapshot())?;
-                    let scene = files.scene()?;
-                    let cuts = Cuts::new(scene, min_element_m);
-                    let mut eye = Eye::new(&set, &cuts, facts, options);
-                    loop {
-                        let y = next.fetch_add(1, Ordering::Relaxed);
-                        if y >= height {
-                            return Ok(());
+                    with_scene(set.snapshot(), |open| {
+                        let cuts = Cuts::new(open.scene, min_element_m);
+                        let mut eye = Eye::new(&set, &cuts, facts, options);
+                        loop {
+                            let y = next.fetch_add(1, Ordering::Relaxed);
+                            if y >= height {
+                                return Ok(());
+                            }
+                            if progress.interrupted() {
+                                return Err(Error::Interrupted);
+                            }
+                            let row = eye.row(&cuts, camera, y, (width, height));
+                            open.look.verdict()?;
+                            let row = row?;
+                            done.lock().expect("no thread panics")[y as usize] = Some(row);
+                            progress.at(u64::from(y));
                         }
-                        if progress.interrupted() {
-                            return Err(Error::Interrupted);
-                        }
-                        let row = eye.row(&cuts, camera, y, (width, height))?;
-                        done.lock().expect("no thread panics")[y as usize] = Some(row);
-                        progress.at(u64::from(y));
-                    }
+                    })
                 };
                 if let Err(error) = work() {
                     *failure.lock().expect("no thread panics") = Some(error);

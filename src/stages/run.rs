@@ -10,11 +10,12 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::children::{self, Ended, LOOK, Running, Used};
-use super::{ingest, merge, solve_group};
+use super::{entry, ingest, merge, solve_group};
+use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::order::UpdateOrder;
 use crate::store::merging::TaskState;
-use crate::store::{Iteration, RunLock, Store};
+use crate::store::{Iteration, RunLock, Store, folder};
 
 /// Deaths of one stage, or of workers in a row without progress, after which the run fails.
 const DEATHS: u64 = 3;
@@ -50,6 +51,13 @@ pub struct Options {
     pub keep: u64,
     /// `--wait`.
     pub wait: Duration,
+}
+
+impl Options {
+    /// Whether the store is going to be emptied: its ingest is told so.
+    fn is_fresh(&self) -> bool {
+        self.ingest.as_ref().is_some_and(|line| line.iter().any(|word| word == "--fresh"))
+    }
 }
 
 /// What `run` is going to start.
@@ -137,16 +145,23 @@ pub fn plan(options: &Options) -> Result<Plan> {
 pub fn execute(plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
     let options = &plan.options;
     let is_new = !options.store.exists();
-    let store = Store::create(&options.store, options.wait)?;
-    let _lock = RunLock::take(&store, &format!("clerestory run --store {}", options.store.display()))?;
+    let done = run(options, progress);
+    if done.is_err() && is_new {
+        folder::unmake(&options.store);
+    }
+    done
+}
+
+fn run(options: &Options, progress: &dyn Progress) -> Result<Summary> {
+    let make = if options.is_fresh() { Store::create_anew } else { Store::create };
+    let store = make(&options.store, options.wait)?;
+    let _lock = RunLock::take(&store, &format!("clerestory run --store {}", for_shell(&options.store)))?;
+    if !options.is_fresh() {
+        entry::trust_rows(&store)?;
+    }
     let mut coordinator = Coordinator { options, store: &store, progress, used: Used::default(), anon_bytes: 0 };
     if let Some(args) = &options.ingest {
-        let done = coordinator.stage("ingest", args);
-        if done.is_err() && is_new && store.facts_if_any()?.is_none() {
-            // The error is what matters; a folder that stays behind does no harm.
-            let _ = std::fs::remove_dir_all(&options.store);
-        }
-        done?;
+        coordinator.stage("ingest", args)?;
     }
     coordinator.stage("visibility", &options.visibility)?;
     coordinator.stage("partition", &options.partition)?;
@@ -305,7 +320,10 @@ impl Coordinator<'_> {
             if idle > IDLE * self.options.workers {
                 return Err(Error::failed(
                     format!("workers find nothing to do, but {} groups of iteration {number} are free", counts.free),
-                    "run `clerestory solve-group STORE --until-done` by itself to see why",
+                    format!(
+                        "run `clerestory solve-group {} --until-done` by itself to see why",
+                        for_shell(self.store.dir())
+                    ),
                 ));
             }
             self.progress.at(solved);

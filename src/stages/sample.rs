@@ -7,20 +7,20 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::point_light::PointLight;
-use super::ray_scene::SceneFiles;
+use super::ray_scene::{OpenScene, with_scene};
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{Error, Progress, Result, Rgb, lux};
 use crate::formats::points::SensorPoint;
 use crate::rays::region::Cuts;
-use crate::store::Store;
+use crate::store::{ModelFacts, Store};
 
 /// How to sample.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     /// `--version`; the newest if none.
     pub version: Option<u64>,
-    /// `--snap`, m; 1e-5 of the bounding diagonal if none.
+    /// `--snap`, m; that of ingest if none.
     pub snap_m: Option<f64>,
 }
 
@@ -52,12 +52,23 @@ pub fn execute(
     let version = options.version.map_or_else(|| store.newest_iteration_end(), Ok)?;
     let set = WorkingSet::open(store, version)?;
     let facts = store.facts()?;
-    let files = SceneFiles::open(set.snapshot())?;
-    let scene = files.scene()?;
-    let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     let min_element_m = tolerances::min_element_m(store, version, &facts)?;
-    let cuts = Cuts::new(scene, min_element_m);
-    let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);
+    let snap_m = options.snap_m.unwrap_or(facts.snap_m);
+    with_scene(set.snapshot(), |open| {
+        let cuts = Cuts::new(open.scene, min_element_m);
+        let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);
+        answer(open, &mut light, (&facts, snap_m), points, out, progress)
+    })
+}
+
+fn answer(
+    open: &OpenScene<'_>,
+    light: &mut PointLight<'_, '_>,
+    (facts, snap_m): (&ModelFacts, f64),
+    points: &mut dyn Iterator<Item = Result<SensorPoint>>,
+    out: &mut dyn Write,
+    progress: &dyn Progress,
+) -> Result<Summary> {
     let mut summary = Summary::default();
     let io = |e: std::io::Error| Error::io(Path::new("the answers"), &e);
     writeln!(out, "{HEADER}").map_err(io)?;
@@ -73,10 +84,12 @@ pub fn execute(
         summary.points += 1;
         let [x, y, z] = point.position;
         let [nx, ny, nz] = point.normal;
-        let answer = match scene.locate(at, normal, snap_m) {
-            Some(place) => {
+        let answer = open.scene.locate(at, normal, snap_m).map(|place| light.irradiance(place, at));
+        open.look.verdict()?;
+        let answer = match answer {
+            Some(irradiance) => {
                 summary.answered += 1;
-                let irradiance = Rgb::from_f32(light.irradiance(place, at)?.to_f32());
+                let irradiance = Rgb::from_f32(irradiance?.to_f32());
                 let [r, g, b] = irradiance.to_f32();
                 format!("{r},{g},{b},{}", lux(irradiance) as f32)
             }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::group_solver::{GroupSolver, Settings};
-use super::ray_scene::SceneFiles;
+use super::ray_scene::with_scene;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, Progress, Result};
@@ -314,30 +314,31 @@ fn solve(
     let base = store
         .version(lease.base_version)?
         .ok_or_else(|| Error::damaged(store.dir(), format!("no version {}", lease.base_version)))?;
-    let files = SceneFiles::open(set.snapshot())?;
-    let scene = files.scene()?;
     let inner = match options.inner {
         InnerOption::Gathers(count) => Inner::Gathers(count),
         InnerOption::Converge => {
             Inner::Converge { tolerance: options.tolerance / 100.0, q: plan.facts.max_reflectance }
         }
     };
-    let settings = Settings {
+    let settings = |is_dark: bool| Settings {
         tolerances: tolerances::of(&plan.facts, options.tolerance, options.min_element_m),
         inner,
         seed: options.seed,
         scope: if base.iteration == 0 { Scope::Lights } else { Scope::Everything },
-        is_dark: files.is_dark(),
+        is_dark,
         keep_links: options.keep_links,
         link_cache_bytes: options.link_cache_bytes,
     };
     let clusters = store.clusters_of(lease.group)?;
     require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
-    let cuts = Cuts::new(scene, settings.tolerances.min_element_m);
-    let (sides, sources) = (SideCache::default(), SourceMemo::default());
-    let solver = GroupSolver { set, cuts, settings, sides, sources, progress };
-    let mut solved = solver.solve(&clusters, &mut worker.segment)?;
+    let mut solved = with_scene(set.snapshot(), |open| {
+        let settings = settings(open.is_dark);
+        let cuts = Cuts::new(open.scene, settings.tolerances.min_element_m);
+        let (sides, sources) = (SideCache::default(), SourceMemo::default());
+        let solver = GroupSolver { set, cuts, settings, sides, sources, progress };
+        solver.solve(&clusters, &mut worker.segment)
+    })?;
     let after = resources();
     solved.report.peak_anon_bytes = after.peak_anon_bytes;
     solved.report.cpu_s = after.cpu_s - before.cpu_s;

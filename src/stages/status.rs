@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::base::Result;
+use crate::base::text::for_shell;
 use crate::store::processes::ProcessRow;
 use crate::store::{Stage, Store};
 
@@ -80,10 +81,10 @@ pub fn read(store: &Store, _options: &Options) -> Result<Summary> {
             Ok(StageState { name: stage.name(), state })
         })
         .collect::<Result<Vec<_>>>()?;
-    let dir = store.dir().display();
+    let dir = for_shell(store.dir());
     let processes = store.processes()?;
     let undone = stages.iter().find(|s| s.state != "done").map(|s| s.name);
-    let model = if undone == Some("ingest") { " MODEL.obj" } else { "" };
+    let model = if undone == Some("ingest") { Stage::Ingest.takes() } else { "" };
     let mut summary = Summary {
         next: undone.map(|name| format!("clerestory {name} {dir}{model}")),
         processes,

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::Serialize;
 
-use super::ray_scene::SceneFiles;
+use super::ray_scene::with_scene;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
@@ -177,19 +177,20 @@ fn look(
                     let work = || -> Result<()> {
                         let store = Store::open(&dir, wait)?;
                         let set = WorkingSet::open(&store, version)?;
-                        let files = SceneFiles::open(set.snapshot())?;
-                        let scene = files.scene()?;
-                        loop {
-                            let at = next.fetch_add(1, Ordering::Relaxed) as usize;
-                            let Some(&id) = ids.get(at) else { return Ok(()) };
-                            if progress.interrupted() {
-                                return Err(Error::Interrupted);
+                        with_scene(set.snapshot(), |open| {
+                            loop {
+                                let at = next.fetch_add(1, Ordering::Relaxed) as usize;
+                                let Some(&id) = ids.get(at) else { return Ok(()) };
+                                if progress.interrupted() {
+                                    return Err(Error::Interrupted);
+                                }
+                                let loaded = set.mapped(id)?;
+                                let view = loaded.view();
+                                let seen = look_around(&open.scene, id, view.geometry.patches, view.materials, &effort);
+                                open.look.verdict()?;
+                                results.lock().expect("no thread panics").insert(at, seen);
                             }
-                            let loaded = set.mapped(id)?;
-                            let view = loaded.view();
-                            let seen = look_around(&scene, id, view.geometry.patches, view.materials, &effort);
-                            results.lock().expect("no thread panics").insert(at, seen);
-                        }
+                        })
                     };
                     if let Err(error) = work() {
                         *failure.lock().expect("no thread panics") = Some(error);

@@ -1,22 +1,28 @@
 //! Opening a store: its folder, its catalogue, its schema, its connection.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
-use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
+use rusqlite::{Connection, Transaction, TransactionBehavior};
 
+use super::connection::{self, Access};
 use super::extent::Mappings;
+use super::files::SEGMENTS;
+use super::locks::Joined;
 use super::sql::CATALOGUE;
-use super::{locks, mounts};
+use super::{folder, locks, mounts, reserve, seals};
+use crate::base::text::for_shell;
 use crate::base::{Error, Result};
 
 /// The schema's versions, in order; `user_version` counts those applied.
-const SCHEMA: [&str; 1] = [include_str!("../../schema/0001_store.sql")];
+const SCHEMA: [&str; 2] = [include_str!("../../schema/0001_store.sql"), include_str!("../../schema/0002_seals.sql")];
 const VIEWS: &str = include_str!("../../schema/views.sql");
 
-/// Every table but `segments` (rows go with their files) and `processes`; referring ones first.
+/// Every table but `segments` (rows go with their files), `seals` and `processes`; referring ones first.
 const EMPTIED: [&str; 18] = [
     "updates",
     "tasks",
@@ -38,6 +44,9 @@ const EMPTIED: [&str; 18] = [
     "model",
 ];
 
+/// Where SQLite keeps `user_version` in a database file.
+const USER_VERSION_AT: usize = 60;
+
 /// Most memory that SQLite's page cache takes, KiB.
 const PAGE_CACHE_KIB: i64 = 4096;
 
@@ -45,74 +54,140 @@ const PAGE_CACHE_KIB: i64 = 4096;
 pub struct Store {
     dir: PathBuf,
     connection: Connection,
+    access: Access,
+    /// Version of the schema: an older one only where the store may only be read.
+    format: usize,
+    /// Whether this connection keeps the seals by now.
+    seals: Cell<bool>,
     wait: Duration,
     pub(super) mappings: RefCell<Mappings>,
-    readers: File,
+    readers: Option<Arc<File>>,
 }
 
 impl Store {
     /// Makes a store in `dir`, or opens the one that is there (finishing one whose making was cut
     /// short). `wait` is for a busy store.
     pub fn create(dir: &Path, wait: Duration) -> Result<Self> {
-        std::fs::create_dir_all(dir.join("segments")).map_err(|e| Error::io(dir, &e))?;
-        std::fs::create_dir_all(dir.join("logs")).map_err(|e| Error::io(dir, &e))?;
-        Self::connect(dir, wait, true)
-    }
-
-    /// Opens the store in `dir`; exit code 10 if there is none.
-    pub fn open(dir: &Path, wait: Duration) -> Result<Self> {
-        if !dir.join(CATALOGUE).is_file() {
-            return Err(Error::NoStore { store: dir.to_path_buf() });
-        }
-        Self::connect(dir, wait, false)
-    }
-
-    fn connect(dir: &Path, wait: Duration, create: bool) -> Result<Self> {
-        mounts::refuse_network(dir)?;
-        let path = dir.join(CATALOGUE);
-        let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        flags.set(OpenFlags::SQLITE_OPEN_CREATE, create);
-        let connection = Connection::open_with_flags(&path, flags).map_err(|e| at(&path, e))?;
-        connection.busy_timeout(wait).map_err(|e| at(&path, e))?;
-        let readers_path = dir.join(locks::READERS);
-        let readers = locks::open(&readers_path)?;
-        readers.lock_shared().map_err(|e| Error::io(&readers_path, &e))?;
-        let store = Self { dir: dir.to_path_buf(), connection, wait, mappings: RefCell::new(Mappings::new()), readers };
-        store.prepare(create).map_err(|e| store.named(e))?;
+        folder::refuse_foreign(dir)?;
+        let store = Self::enter(dir, wait, true)?;
+        store.require_writable()?;
+        reserve::keep(dir);
         Ok(store)
     }
 
-    fn prepare(&self, create: bool) -> Result<()> {
-        let version: usize = self.connection.pragma_query_value(None, "user_version", |r| r.get(0))?;
+    /// Like [`Store::create`], for a store that is going to be emptied: where the catalogue is damaged, it is
+    /// set aside and another made. A store of a newer version is left alone.
+    pub fn create_anew(dir: &Path, wait: Duration) -> Result<Self> {
+        let sound = |store: &Self| store.catalogue_damages().is_ok_and(|damages| damages.is_empty());
+        match Self::create(dir, wait) {
+            Ok(store) if sound(&store) => return Ok(store),
+            Err(error) if !matches!(error, Error::Damaged { .. }) || is_newer(dir) => return Err(error),
+            _ => {}
+        }
+        folder::set_catalogue_aside(dir, wait)?;
+        Self::create(dir, wait)
+    }
+
+    /// Opens the store in `dir`, only to read where one may not write; exit code 10 if there is none.
+    pub fn open(dir: &Path, wait: Duration) -> Result<Self> {
+        Self::enter(dir, wait, false)
+    }
+
+    fn enter(dir: &Path, wait: Duration, create: bool) -> Result<Self> {
+        let catalogue = dir.join(CATALOGUE);
+        loop {
+            match catalogue.symlink_metadata() {
+                Ok(meta) if meta.is_file() => {}
+                Ok(_) => return Err(Error::damaged(&catalogue, "it is not a plain file")),
+                Err(_) if !create => return Err(Error::NoStore { store: dir.to_path_buf() }),
+                Err(_) => std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, &e))?,
+            }
+            // A folder that was taken away meanwhile (a failed ingest's) is looked at again.
+            let Joined::As(access, readers) = locks::join(dir, create)? else { continue };
+            if create {
+                for name in [SEGMENTS, folder::LOGS] {
+                    std::fs::create_dir_all(dir.join(name)).map_err(|e| Error::io(dir, &e))?;
+                }
+            }
+            return Self::connect(dir, wait, create, access, readers);
+        }
+    }
+
+    fn connect(dir: &Path, wait: Duration, create: bool, access: Access, readers: Option<Arc<File>>) -> Result<Self> {
+        mounts::refuse_network(dir)?;
+        let path = dir.canonicalize().map_err(|e| Error::io(dir, &e))?.join(CATALOGUE);
+        let over = |connection, access| Self {
+            dir: dir.to_path_buf(),
+            connection,
+            access,
+            format: SCHEMA.len(),
+            seals: Cell::new(false),
+            wait,
+            mappings: RefCell::new(Mappings::new()),
+            readers: readers.clone(),
+        };
+        let opened = || -> Result<Self> {
+            if access == Access::Write {
+                let store = over(connection::to_write(&path, create)?, access);
+                match store.begin() {
+                    Ok(true) => return Ok(store),
+                    Err(error) if create || !connection::is_refusal(&error) => return Err(error.into()),
+                    // The catalogue, or the folder, may not be written.
+                    _ => {}
+                }
+            }
+            Ok(over(connection::to_read(&path, dir)?, Access::Read))
+        };
+        let prepare = |mut store: Self| match store.prepare(create) {
+            Ok(()) => Ok(store),
+            Err(error) => Err(store.named(error)),
+        };
+        opened().and_then(prepare).map_err(|error| complete(error, dir))
+    }
+
+    /// The first touch of a catalogue that will be worked on; whether it can be.
+    fn begin(&self) -> rusqlite::Result<bool> {
+        self.connection.busy_timeout(self.wait)?;
+        self.connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))?;
+        Ok(!self.connection.is_readonly("main")?)
+    }
+
+    fn prepare(&mut self, create: bool) -> Result<()> {
+        self.connection.busy_timeout(self.wait)?;
+        // In one statement: another process may be making the store.
+        let (version, ours, all): (usize, u32, u32) = self.connection.query_row(
+            "SELECT (SELECT user_version FROM pragma_user_version),
+                    (SELECT count(*) FROM sqlite_schema WHERE name IN ('model', 'clusters', 'segments')),
+                    (SELECT count(*) FROM sqlite_schema)",
+            [],
+            |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+        )?;
         if version > SCHEMA.len() {
-            let detail = format!(
-                "its format is {version}, this program reads up to {}: it was made by a newer version",
-                SCHEMA.len()
-            );
-            return Err(Error::damaged(&self.dir.join(CATALOGUE), detail));
+            return Err(newer(&self.dir, version));
+        }
+        if (version > 0 && ours < 3) || (version == 0 && all > 0) {
+            let detail = "it is a database, but no catalogue of a store";
+            return Err(if create {
+                folder::refused(&self.dir, detail)
+            } else {
+                Error::damaged(&self.dir.join(CATALOGUE), detail)
+            });
         }
         if version == 0 && !create {
             return Err(Error::NoStore { store: self.dir.clone() });
         }
-        self.connection.pragma_update(None, "journal_mode", "WAL")?;
-        // Files are unlinked after the commit that forgets them: the commit must be on disk by then.
-        self.connection.pragma_update(None, "synchronous", "FULL")?;
         self.connection.pragma_update(None, "foreign_keys", true)?;
         self.connection.pragma_update(None, "cache_size", -PAGE_CACHE_KIB)?;
         self.connection.pragma_update(None, "temp_store", "FILE")?;
         self.connection.set_prepared_statement_cache_capacity(64);
-        if version < SCHEMA.len() {
-            self.write(|tx| {
-                let version: usize = tx.pragma_query_value(None, "user_version", |r| r.get(0))?;
-                for sql in SCHEMA.iter().skip(version) {
-                    tx.execute_batch(sql)?;
-                }
-                tx.execute_batch(VIEWS)?;
-                tx.pragma_update(None, "user_version", SCHEMA.len())?;
-                Ok(())
-            })?;
+        if self.access == Access::Read {
+            self.format = version;
+            return Ok(());
         }
-        Ok(())
+        self.connection.pragma_update(None, "journal_mode", "WAL")?;
+        // Files are unlinked after the commit that forgets them: the commit must be on disk by then.
+        self.connection.pragma_update(None, "synchronous", "FULL")?;
+        if version < SCHEMA.len() { self.transaction(apply_schema) } else { Ok(()) }
     }
 
     /// The store's folder.
@@ -131,18 +206,59 @@ impl Store {
         &self.connection
     }
 
-    /// The shared lock that keeps mapped files from being truncated.
-    pub(super) fn readers(&self) -> &File {
-        &self.readers
+    /// The shared lock that keeps mapped files from being truncated; `None` where one may only read, and there is
+    /// no lock to take.
+    pub(super) fn readers(&self) -> Option<&Arc<File>> {
+        self.readers.as_ref()
     }
 
-    /// Where a segment file lies.
-    pub(super) fn segment_path(&self, file: &str) -> PathBuf {
-        self.dir.join("segments").join(file)
+    /// Version of the schema.
+    pub(super) fn format(&self) -> usize {
+        self.format
+    }
+
+    /// Whether one may write.
+    pub(super) fn is_writable(&self) -> bool {
+        self.access == Access::Write
+    }
+
+    /// Fails, with what to do instead, if one may only read.
+    pub(super) fn require_writable(&self) -> Result<()> {
+        if self.is_writable() {
+            return Ok(());
+        }
+        Err(connection::unwritable(&self.dir))
     }
 
     /// Runs `work` in one IMMEDIATE transaction: all of it is done, or nothing.
     pub(super) fn write<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
+        self.keep_seals().map_err(|e| self.named(e))?;
+        self.transaction(work)
+    }
+
+    /// Makes this connection, which must be one to write with, keep the seals from now on.
+    pub(super) fn keep_seals(&self) -> Result<()> {
+        self.require_writable()?;
+        if !self.seals.replace(true) {
+            seals::keep(&self.connection)?;
+        }
+        Ok(())
+    }
+
+    /// Runs `work` on one state of the catalogue, whatever others write meanwhile.
+    pub(super) fn read<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let run = || {
+            // Within a transaction of our own that holds anyway.
+            if !self.connection.is_autocommit() {
+                return work();
+            }
+            let _reading = Transaction::new_unchecked(&self.connection, TransactionBehavior::Deferred)?;
+            work()
+        };
+        run().map_err(|e| self.named(e))
+    }
+
+    fn transaction<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
         let run = || {
             let tx = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate)?;
             let out = work(&tx)?;
@@ -162,7 +278,7 @@ impl Store {
     /// Bytes of the store's files.
     pub fn bytes_on_disk(&self) -> Result<u64> {
         let mut sum = 0;
-        for dir in [self.dir.clone(), self.dir.join("segments")] {
+        for dir in [self.dir.clone(), self.dir.join(SEGMENTS)] {
             for entry in std::fs::read_dir(&dir).map_err(|e| Error::io(&dir, &e))? {
                 // A file unlinked while we count is no longer ours to count.
                 let Ok(meta) = entry.and_then(|e| e.metadata()) else { continue };
@@ -178,18 +294,68 @@ impl Store {
             for table in EMPTIED {
                 tx.execute(&format!("DELETE FROM {table}"), [])?;
             }
-            Ok(())
+            // What somebody else changed does not matter any more.
+            Ok(seals::renew(tx)?)
         })?;
         self.drop_unreferenced_segments()?;
         Ok(())
     }
 }
 
-fn at(path: &Path, error: rusqlite::Error) -> Error {
-    match Error::from(error) {
-        Error::Damaged { detail, .. } => Error::damaged(path, detail),
-        other => other,
+fn apply_schema(tx: &Transaction<'_>) -> Result<()> {
+    let version: usize = tx.pragma_query_value(None, "user_version", |r| r.get(0))?;
+    for sql in SCHEMA.iter().skip(version) {
+        tx.execute_batch(sql)?;
     }
+    tx.execute_batch(VIEWS)?;
+    seals::renew(tx)?;
+    tx.pragma_update(None, "user_version", SCHEMA.len())?;
+    Ok(())
+}
+
+/// The error of a store that a newer version of the program made: nothing of it is touched.
+fn newer(dir: &Path, version: usize) -> Error {
+    let (reads, name) = (SCHEMA.len(), for_shell(dir));
+    let detail = format!("its format is {version}, this program reads up to {reads}: it was made by a newer version");
+    Error::damaged(&dir.join(CATALOGUE), detail)
+        .with_help_for_damage(|| format!("use the newer version of clerestory that made {name}, or name another store"))
+}
+
+/// Whether a catalogue says that a newer version made it, damaged or not. The number stands in the file's first
+/// page, and may be newer in its log.
+fn is_newer(dir: &Path) -> bool {
+    let path = dir.join(CATALOGUE);
+    let asked = || -> Option<usize> {
+        connection::to_read(&path, dir).ok()?.pragma_query_value(None, "user_version", |row| row.get(0)).ok()
+    };
+    let written = || {
+        let mut page = [0; 64];
+        File::open(&path).ok()?.read_exact_at(&mut page, 0).ok()?;
+        let number = page[USER_VERSION_AT..].first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize);
+        number.filter(|_| page.starts_with(b"SQLite format 3\0"))
+    };
+    asked().or_else(written).is_some_and(|version| version > SCHEMA.len())
+}
+
+/// Completes an error of opening: its path, and what to do where not even `check` can read the catalogue.
+fn complete(error: Error, dir: &Path) -> Error {
+    let name = for_shell(dir);
+    let path = dir.join(CATALOGUE);
+    let error = match error {
+        Error::Damaged { path: bare, detail, help } if bare.as_os_str() == CATALOGUE => {
+            Error::Damaged { path, detail, help }
+        }
+        Error::Failed { message, help } if message.starts_with(CATALOGUE) => {
+            Error::Failed { message: format!("{}/{message}", dir.display()), help }
+        }
+        Error::Busy { holder, .. } if holder.is_empty() => {
+            Error::Busy { store: dir.to_path_buf(), holder: "a process that writes to its catalogue".to_owned() }
+        }
+        other => other,
+    };
+    error.with_help_for_damage(|| {
+        format!("set it aside with `mv {name} {name}.damaged`, then run the command that made it again")
+    })
 }
 
 #[cfg(test)]

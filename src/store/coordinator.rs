@@ -33,3 +33,10 @@ pub(super) fn follow(store: &Store) -> Result<()> {
     }
     Ok(())
 }
+
+impl Store {
+    /// Whether this process works for a coordinator of the store.
+    pub fn is_coordinated(&self) -> Result<bool> {
+        is_parent(self)
+    }
+}

@@ -1,23 +1,28 @@
 //! Reading extents: mapped, checked once per load, never copied unless compressed.
 
+use std::io::Read;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use lru::LruCache;
-use memmap2::Mmap;
 use rusqlite::OptionalExtension;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::extent_header::{CODEC_RAW, ExtentHeader, HEADER_BYTES};
-use super::{Store, segment};
+use super::segment::Mapping;
+use super::{Store, files, segment};
 use crate::base::{Error, Result};
-use crate::model::ExtentKind;
+use crate::model::rays::TOP;
+use crate::model::{ExtentKind, invariants};
 
 /// Segment files kept mapped.
 const MAPPED_FILES: NonZeroUsize = NonZeroUsize::new(64).expect("not 0");
 /// Extents remembered as checked: about 1 MiB.
 const CHECKED_EXTENTS: NonZeroUsize = NonZeroUsize::new(16_384).expect("not 0");
+
+/// Most that an extent unpacks to, bytes: what is known of one cluster's corners and faces is far less.
+const MOST_UNPACKED: u64 = 64 << 20;
 
 /// Where an extent lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -53,7 +58,7 @@ impl ExtentRef {
 
 #[derive(Clone)]
 enum Bytes {
-    Mapped { map: Arc<Mmap>, start: usize, end: usize },
+    Mapped { map: Arc<Mapping>, start: usize, end: usize },
     // u64s, for alignment; the payload's last word may be padded.
     Unpacked { words: Arc<[u128]>, bytes: usize },
 }
@@ -99,13 +104,23 @@ impl Extent {
 
 /// Mapped files and what of them has been checked, both bounded.
 pub(super) struct Mappings {
-    maps: LruCache<u32, (Arc<Mmap>, Arc<PathBuf>)>,
+    maps: LruCache<u32, (Arc<Mapping>, Arc<PathBuf>)>,
     checked: LruCache<(u32, u64), ()>,
 }
 
 impl Mappings {
     pub(super) fn new() -> Self {
         Self { maps: LruCache::new(MAPPED_FILES), checked: LruCache::new(CHECKED_EXTENTS) }
+    }
+
+    /// Whether what lies at a place (segment, byte) has been checked lately.
+    pub(super) fn has_checked(&mut self, place: (u32, u64)) -> bool {
+        self.checked.get(&place).is_some()
+    }
+
+    /// Remembers that it has.
+    pub(super) fn remember(&mut self, place: (u32, u64)) {
+        self.checked.put(place, ());
     }
 
     /// Forgets everything, as before truncating.
@@ -117,7 +132,7 @@ impl Mappings {
 
 impl Store {
     /// The whole of a segment file, at least `end` bytes of it.
-    fn mapping(&self, segment: u32, end: u64) -> Result<(Arc<Mmap>, Arc<PathBuf>)> {
+    fn mapping(&self, segment: u32, end: u64) -> Result<(Arc<Mapping>, Arc<PathBuf>)> {
         let mut mappings = self.mappings.borrow_mut();
         if let Some((map, path)) = mappings.maps.get(&segment)
             && map.len() as u64 >= end
@@ -132,8 +147,8 @@ impl Store {
         let Some(file) = file else {
             return Err(Error::damaged(self.dir(), format!("no segment has the number {segment}")));
         };
-        let path = self.segment_path(&file);
-        let map = segment::map(&path)?;
+        let path = files::segment_path(self.dir(), &file)?;
+        let map = segment::map(&path, self.readers())?;
         if (map.len() as u64) < end {
             return Err(Error::damaged(&path, format!("cut off: {} bytes where {end} are needed", map.len())));
         }
@@ -142,7 +157,8 @@ impl Store {
         Ok(entry)
     }
 
-    /// The extent at a place, checked against its checksums if this process has not done so lately.
+    /// The extent at a place, checked against its checksums, and for what must be true of its kind, if this
+    /// process has not done so lately.
     pub fn extent(&self, at: ExtentRef, kind: ExtentKind) -> Result<Extent> {
         let end = at.payload_at().checked_add(at.bytes);
         let end = end.ok_or_else(|| Error::damaged(self.dir(), format!("impossible place {at:?}")))?;
@@ -157,18 +173,43 @@ impl Store {
         }
         let (start, end) = (at.payload_at() as usize, end as usize);
         let key = (at.segment, at.offset);
-        if self.mappings.borrow_mut().checked.get(&key).is_none() {
-            if xxh3_64(&map[start..end]) != header.payload_xxh3 {
-                return Err(wrong("the payload's checksum is wrong".to_owned()));
-            }
-            self.mappings.borrow_mut().checked.put(key, ());
+        let is_known = self.mappings.borrow_mut().has_checked(key);
+        if !is_known && xxh3_64(&map[start..end]) != header.payload_xxh3 {
+            return Err(wrong("the payload's checksum is wrong".to_owned()));
         }
-        let bytes = if header.codec == CODEC_RAW {
-            Bytes::Mapped { map, start, end }
-        } else {
-            unpack(&map[start..end]).map_err(|e| wrong(e.to_string()))?
+        let bytes = match (header.codec, kind) {
+            (CODEC_RAW, _) => Bytes::Mapped { map, start, end },
+            (_, ExtentKind::Bake | ExtentKind::Provenance) => {
+                unpack(&map[start..end]).map_err(|e| wrong(e.to_string()))?
+            }
+            (codec, _) => return Err(wrong(format!("codec {codec}, which its kind does not have"))),
         };
-        Ok(Extent { header, bytes, path, offset: at.offset })
+        let extent = Extent { header, bytes, path, offset: at.offset };
+        if !is_known {
+            self.believe(kind, &extent)?;
+            self.mappings.borrow_mut().remember(key);
+        }
+        Ok(extent)
+    }
+
+    /// Whether a right checksum covers something that may be walked through.
+    fn believe(&self, kind: ExtentKind, extent: &Extent) -> Result<()> {
+        let cluster = extent.header.cluster;
+        let verdict = match (kind, cluster) {
+            (ExtentKind::Rays, TOP) => invariants::rays_top(extent.payload()),
+            _ => match self.patches_of(cluster)? {
+                Some(patches) => invariants::of(kind, extent.payload(), cluster, patches as usize),
+                // Nobody can ask for it by name.
+                None => Ok(()),
+            },
+        };
+        verdict.map_err(|detail| extent.damage(detail))
+    }
+
+    /// Patches of a cluster, by the catalogue.
+    pub(super) fn patches_of(&self, cluster: u32) -> Result<Option<u32>> {
+        let mut query = self.connection().prepare_cached("SELECT patches FROM clusters WHERE id = ?1")?;
+        Ok(query.query_row([cluster], |row| row.get(0)).optional()?)
     }
 
     /// Like [`Store::extent`], but checked afresh, for `check`.
@@ -177,23 +218,18 @@ impl Store {
         self.extent(at, kind)
     }
 
-    /// The ray structure over all clusters and the whole segment file that it and theirs lie in;
-    /// `None` before ingest.
-    pub fn ray_top(&self) -> Result<Option<(Extent, Arc<Mmap>)>> {
-        let top = self
-            .connection()
-            .prepare_cached("SELECT rays_top_segment, rays_top_offset, rays_top_bytes FROM model")?
-            .query_row([], |row| ExtentRef::from_row(row, 0))
-            .optional()?;
-        let Some(top) = top else { return Ok(None) };
-        let extent = self.extent(top, ExtentKind::Rays)?;
-        let (map, _) = self.mapping(top.segment, 0)?;
-        Ok(Some((extent, map)))
+    /// The whole of the segment file that an extent lies in.
+    pub(super) fn file_of(&self, at: ExtentRef) -> Result<(Arc<Mapping>, Arc<PathBuf>)> {
+        self.mapping(at.segment, 0)
     }
 }
 
 fn unpack(packed: &[u8]) -> std::io::Result<Bytes> {
-    let bytes = zstd::decode_all(packed)?;
+    let mut bytes = Vec::new();
+    zstd::Decoder::new(packed)?.take(MOST_UNPACKED + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_UNPACKED {
+        return Err(std::io::Error::other(format!("it unpacks to more than {MOST_UNPACKED} bytes")));
+    }
     let mut words = vec![0u128; bytes.len().div_ceil(16)];
     bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..bytes.len()].copy_from_slice(&bytes);
     Ok(Bytes::Unpacked { words: words.into(), bytes: bytes.len() })

@@ -2,11 +2,14 @@
 //! then tails of files.
 
 use std::collections::HashMap;
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use rusqlite::{Transaction, params};
 
 use super::extent_header::HEADER_BYTES;
+use super::files::{self, For, SEGMENTS};
 use super::locks::{self, PublishLock};
 use super::{ExtentRef, SegmentWriter, Store};
 use crate::base::{Error, Result};
@@ -67,17 +70,27 @@ impl Store {
                 return Ok(0);
             }
             let mut writer = SegmentWriter::create(self, "compact")?;
-            for (table, kind) in MOVABLE {
-                let mut after = (-1, -1);
-                while let Some(last) = self.move_rows(table, kind, &sparse, after, &mut writer)? {
-                    after = last;
-                }
-            }
+            let moved = self.move_all(&sparse, &mut writer);
             let written = writer.bytes();
             drop(writer);
             self.mappings.borrow_mut().clear();
-            Ok(self.drop_unreferenced_segments()?.saturating_sub(written))
+            // Where there is no room to move to, what was moved so far is in use, and the rest stays where it is.
+            let freed = self.drop_unreferenced_segments()?.saturating_sub(written);
+            match moved {
+                Err(Error::Failed { .. }) => Ok(freed),
+                moved => moved.map(|()| freed),
+            }
         })
+    }
+
+    fn move_all(&self, sparse: &[String], writer: &mut SegmentWriter) -> Result<()> {
+        for (table, kind) in MOVABLE {
+            let mut after = (-1, -1);
+            while let Some(last) = self.move_rows(table, kind, sparse, after, writer)? {
+                after = last;
+            }
+        }
+        Ok(())
     }
 
     /// Numbers of the segments less than half of which is in use, all of it by rows that can be moved.
@@ -131,22 +144,24 @@ impl Store {
         Ok(moved.last().map(|(_, cluster, version)| (*cluster, *version)))
     }
 
-    /// Works on segment files while no other process has the store open; 0 if one has.
+    /// Works on segment files while no other process has the store open, nor this one a mapping; 0 if one has.
     fn alone(&self, work: impl FnOnce() -> Result<u64>) -> Result<u64> {
         let path = self.dir().join(locks::READERS);
         self.mappings.borrow_mut().clear();
+        let Some(readers) = self.readers().filter(|lock| Arc::strong_count(lock) == 1) else { return Ok(0) };
         // Our own shared lock becomes exclusive, or we are not alone.
-        self.readers().unlock().map_err(|e| Error::io(&path, &e))?;
-        let freed = if locks::try_exclusive(self.readers(), &path)? { work() } else { Ok(0) };
+        readers.unlock().map_err(|e| Error::io(&path, &e))?;
+        let freed = if locks::try_exclusive(readers, &path)? { work() } else { Ok(0) };
         self.mappings.borrow_mut().clear();
-        self.readers().unlock().map_err(|e| Error::io(&path, &e))?;
-        self.readers().lock_shared().map_err(|e| Error::io(&path, &e))?;
+        readers.unlock().map_err(|e| Error::io(&path, &e))?;
+        readers.lock_shared().map_err(|e| Error::io(&path, &e))?;
         freed
     }
 
     /// Cuts off what lies behind the published bytes of segment files that nobody writes, if no other
     /// process has the store open; returns the bytes freed.
     pub fn truncate_segments(&self) -> Result<u64> {
+        self.require_writable()?;
         self.alone(|| self.cut_tails())
     }
 
@@ -155,12 +170,17 @@ impl Store {
         let mut rows = query.query([])?;
         let mut freed = 0;
         while let Some(row) = rows.next()? {
-            let (path, used) = (self.segment_path(&row.get::<_, String>(0)?), row.get::<_, u64>(1)?);
-            let Ok(file) = std::fs::OpenOptions::new().write(true).open(&path) else { continue };
-            let length = file.metadata().map_err(|e| Error::io(&path, &e))?.len();
-            if used < length && locks::try_exclusive(&file, &path)? {
+            let path = files::segment_path(self.dir(), &row.get::<_, String>(0)?)?;
+            let used = row.get::<_, u64>(1)?;
+            if path.symlink_metadata().is_err() {
+                continue;
+            }
+            let file = files::open(&path, For::Writing)?;
+            let meta = file.metadata().map_err(|e| Error::io(&path, &e))?;
+            // A file with a second name may be somebody's copy of the store.
+            if used < meta.len() && meta.nlink() == 1 && locks::try_exclusive(&file, &path)? {
                 file.set_len(used).map_err(|e| Error::io(&path, &e))?;
-                freed += length - used;
+                freed += meta.len() - used;
             }
         }
         Ok(freed)
@@ -176,12 +196,15 @@ impl Store {
             rows.insert(row.get(0)?, row.get(1)?);
         }
         let in_use = referenced(tx)?;
-        let dir = self.dir().join("segments");
+        let dir = self.dir().join(SEGMENTS);
         let (mut bytes, mut forgotten) = (0, Vec::new());
         for entry in std::fs::read_dir(&dir).map_err(|e| Error::io(&dir, &e))? {
             let entry = entry.map_err(|e| Error::io(&dir, &e))?;
-            let path = entry.path();
-            let row = entry.file_name().to_str().and_then(|name| rows.remove(name));
+            let name = entry.file_name();
+            // What is not named as we name files is not ours to remove.
+            let Some(name) = name.to_str().filter(|name| files::is_segment_name(name)) else { continue };
+            let path = files::segment_path(self.dir(), name)?;
+            let row = rows.remove(name);
             if row.is_some_and(|id| in_use.contains(&id)) || !locks::is_free(&path)? {
                 continue;
             }

@@ -46,6 +46,7 @@ impl<'s> IngestTx<'s> {
     /// Begins; the store must hold no model. Make the segment writers first: each needs a transaction.
     pub fn begin(store: &'s Store) -> Result<Self> {
         let begin = || -> Result<_> {
+            store.keep_seals()?;
             let tx = Transaction::new_unchecked(store.connection(), TransactionBehavior::Immediate)?;
             tx.execute("INSERT INTO branches (id, cause, opened_at) VALUES (0, 'ingest', unixepoch('subsec'))", [])?;
             tx.execute(

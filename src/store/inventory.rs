@@ -1,12 +1,15 @@
 //! Everything that a store holds, gone through once: for `check`.
 
+use std::ffi::OsString;
+use std::os::unix::ffi::OsStringExt;
 use std::path::PathBuf;
 
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::extent_header::{ALIGN, ExtentHeader, HEADER_BYTES};
-use super::{ExtentRef, Store, segment};
+use super::{ExtentRef, Store, files, segment};
 use crate::base::Result;
+use crate::base::text::from_stored;
 use crate::model::ExtentKind;
 
 /// A segment file.
@@ -14,8 +17,8 @@ use crate::model::ExtentKind;
 pub struct SegmentRow {
     /// Its number.
     pub id: u32,
-    /// Where it lies.
-    pub path: PathBuf,
+    /// Its file, as the catalogue names it.
+    pub name: String,
     /// Bytes in use; what lies behind is garbage.
     pub published_bytes: u64,
 }
@@ -40,8 +43,8 @@ impl Store {
         let mut rows = query.query([])?;
         let mut segments = Vec::new();
         while let Some(row) = rows.next()? {
-            let path = self.segment_path(&row.get::<_, String>(1)?);
-            segments.push(SegmentRow { id: row.get(0)?, path, published_bytes: row.get(2)? });
+            let name: String = row.get(1)?;
+            segments.push(SegmentRow { id: row.get(0)?, name, published_bytes: row.get(2)? });
         }
         Ok(segments)
     }
@@ -49,7 +52,7 @@ impl Store {
     /// Goes through a segment's extents, checking each; `damage` gets the byte and what is wrong.
     /// Returns the bytes that were verified. Fails only where the file cannot be mapped.
     pub fn walk_segment(&self, row: &SegmentRow, damage: &mut dyn FnMut(u64, String)) -> Result<u64> {
-        let map = segment::map(&row.path)?;
+        let map = segment::map(&files::segment_path(self.dir(), &row.name)?, self.readers())?;
         if (map.len() as u64) < row.published_bytes {
             damage(0, format!("cut off: {} bytes where {} are in use", map.len(), row.published_bytes));
         }
@@ -116,6 +119,14 @@ impl Store {
         let mut query = self.connection().prepare("SELECT id FROM solution_versions WHERE is_kept = 1 ORDER BY id")?;
         let rows = query.query_map([], |r| r.get(0))?;
         Ok(rows.collect::<std::result::Result<_, _>>()?)
+    }
+
+    /// The OBJ files that the model came from, as far as they can be told.
+    pub fn models(&self) -> Result<Vec<PathBuf>> {
+        let mut query = self.connection().prepare("SELECT path FROM input_files WHERE kind = 'obj' ORDER BY id")?;
+        let paths = query.query_map([], |row| row.get::<_, String>(0))?.collect::<std::result::Result<Vec<_>, _>>()?;
+        let known = |path: String| from_stored(&path).map(|bytes| PathBuf::from(OsString::from_vec(bytes)));
+        Ok(paths.into_iter().filter_map(known).collect())
     }
 
     /// What SQLite itself finds wrong with the catalogue.

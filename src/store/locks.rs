@@ -1,9 +1,13 @@
 //! Lock files, kept by the kernel: the dead hold none.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, TryLockError};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use super::connection::{Access, unwritable};
+use super::files::{self, For};
+use super::sql::CATALOGUE;
 use super::{ProcessGuard, Store, coordinator};
 use crate::base::{Error, Result};
 
@@ -19,7 +23,38 @@ const RETRY: Duration = Duration::from_millis(20);
 
 /// Opens a lock file, made if missing.
 pub(super) fn open(path: &Path) -> Result<File> {
-    OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(|e| Error::io(path, &e))
+    files::open(path, For::Making)
+}
+
+/// What came of joining those who have a store open.
+pub(super) enum Joined {
+    /// One may do so much, and holds the lock, unless one may only read and there is none.
+    As(Access, Option<Arc<File>>),
+    /// The folder was taken away meanwhile: look again.
+    Gone,
+}
+
+/// Takes `readers.lock`, shared, for as long as the file lives. Where one may not write (`create`: that is an
+/// error), no lock file is made, and one that is there is locked all the same.
+pub(super) fn join(dir: &Path, create: bool) -> Result<Joined> {
+    let path = dir.join(READERS);
+    let refused = |what_for| files::try_open(&path, what_for).is_err_and(|error| files::is_refusal(&error));
+    let (access, file) = match files::open(&path, For::Making) {
+        Ok(file) => (Access::Write, file),
+        Err(_) if !dir.exists() => return Ok(Joined::Gone),
+        Err(Error::Failed { .. }) if !create => match files::open(&path, For::Reading) {
+            Ok(file) => (Access::Read, file),
+            // A lock that one may not even read binds nobody here.
+            Err(_) if path.symlink_metadata().is_err() || refused(For::Reading) => {
+                return Ok(Joined::As(Access::Read, None));
+            }
+            Err(error) => return Err(error),
+        },
+        Err(_) if create && refused(For::Making) && dir.join(CATALOGUE).exists() => return Err(unwritable(dir)),
+        Err(error) => return Err(error),
+    };
+    file.lock_shared().map_err(|e| Error::io(&path, &e))?;
+    Ok(if files::is_at(&file, &path)? { Joined::As(access, Some(Arc::new(file))) } else { Joined::Gone })
 }
 
 /// Locks exclusively if free; says whether it did.
@@ -47,10 +82,9 @@ pub(super) fn exclusive_within(file: &File, path: &Path, wait: Duration) -> Resu
 
 /// Whether nobody holds the lock of a file. A missing file is held by nobody.
 pub(super) fn is_free(path: &Path) -> Result<bool> {
-    match File::open(path) {
-        Ok(file) => try_exclusive(&file, path),
+    match path.symlink_metadata() {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(true),
-        Err(e) => Err(Error::io(path, &e)),
+        _ => try_exclusive(&files::open(path, For::Reading)?, path),
     }
 }
 
@@ -65,6 +99,7 @@ impl<'s> RunLock<'s> {
     /// Takes `run.lock` for `command` (as a person would type it), waiting as long as the store was
     /// opened with; then names who holds it.
     pub fn take(store: &'s Store, command: &str) -> Result<Self> {
+        store.require_writable()?;
         let path = store.dir().join(RUN);
         let file = open(&path)?;
         if !try_exclusive(&file, &path)? && coordinator::is_parent(store)? {
@@ -87,6 +122,7 @@ pub(super) struct PublishLock {
 
 impl PublishLock {
     pub(super) fn take(store: &Store) -> Result<Self> {
+        store.require_writable()?;
         let path = store.dir().join(PUBLISH);
         let file = open(&path)?;
         if exclusive_within(&file, &path, store.wait())? {

@@ -7,11 +7,14 @@
 
 pub mod branches;
 pub mod catalogue;
+mod connection;
 mod coordinator;
 pub mod extent;
 pub mod extent_header;
+mod files;
 #[cfg(test)]
 pub mod fixture;
+pub mod folder;
 mod garbage;
 pub mod ingest_rows;
 pub mod inventory;
@@ -26,10 +29,13 @@ mod object_names;
 mod old_versions;
 pub mod partition_rows;
 pub mod processes;
+pub mod reserve;
+mod seals;
 pub mod segment;
 pub mod snapshot;
 mod sql;
 pub mod stage_rows;
+pub mod stored_rays;
 #[cfg(test)]
 mod task_tests;
 pub mod tasks;

@@ -3,6 +3,7 @@
 use rusqlite::{Connection, OptionalExtension, named_params};
 
 use super::{ExtentRef, Store};
+use crate::base::text::for_shell;
 use crate::base::{Error, Result};
 
 /// The model as a whole. Stored coordinates are metres from `origin`.
@@ -79,6 +80,13 @@ impl ModelFacts {
 impl Store {
     /// What ingest found; `None` before it.
     pub fn facts_if_any(&self) -> Result<Option<ModelFacts>> {
+        self.read(|| {
+            self.require_sealed("model")?;
+            self.facts_row()
+        })
+    }
+
+    fn facts_row(&self) -> Result<Option<ModelFacts>> {
         let mut query = self.connection().prepare_cached("SELECT * FROM model")?;
         let row = query.query_row([], |row| {
             let triple =
@@ -112,7 +120,7 @@ impl Store {
     pub fn facts(&self) -> Result<ModelFacts> {
         self.facts_if_any()?.ok_or_else(|| Error::StageMissing {
             message: format!("{}: no model in this store", self.dir().display()),
-            help: format!("run `clerestory ingest {} MODEL.obj` first", self.dir().display()),
+            help: format!("run `clerestory ingest {} MODEL.obj` first", for_shell(self.dir())),
         })
     }
 }

@@ -24,7 +24,8 @@ pub struct ProcessRow {
 /// Lists this process in the catalogue for as long as it lives.
 pub struct ProcessGuard<'s> {
     store: &'s Store,
-    id: i64,
+    /// `None` in a store that one may only read.
+    id: Option<i64>,
 }
 
 fn host() -> String {
@@ -40,8 +41,12 @@ fn started(pid: u32) -> Option<i64> {
 }
 
 impl<'s> ProcessGuard<'s> {
-    /// Lists this process; `reads_version` stays kept by gc as long as it lives.
+    /// Lists this process; `reads_version` stays kept by gc as long as it lives. Who reads a store that one may
+    /// only read is not listed.
     pub fn enter(store: &'s Store, command: &str, reads_version: Option<u64>) -> Result<Self> {
+        if reads_version.is_some() && !store.is_writable() {
+            return Ok(Self { store, id: None });
+        }
         Self::insert(store, command, reads_version, false)
     }
 
@@ -61,14 +66,15 @@ impl<'s> ProcessGuard<'s> {
             )?;
             Ok(tx.last_insert_rowid())
         })?;
-        Ok(Self { store, id })
+        Ok(Self { store, id: Some(id) })
     }
 }
 
 impl Drop for ProcessGuard<'_> {
     fn drop(&mut self) {
+        let Some(id) = self.id else { return };
         // A row that stays behind is dropped with the dead by the next process.
-        let _ = self.store.write(|tx| Ok(tx.execute("DELETE FROM processes WHERE id = ?1", [self.id])?));
+        let _ = self.store.write(|tx| Ok(tx.execute("DELETE FROM processes WHERE id = ?1", [id])?));
     }
 }
 

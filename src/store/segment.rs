@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use rusqlite::Transaction;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::extent_header::{ALIGN, CODEC_RAW, CODEC_ZSTD, ExtentHeader, HEADER_BYTES};
+use super::files::{self, For};
 use super::{ExtentRef, Store, locks};
 use crate::base::{Error, Result};
 use crate::model::ExtentKind;
@@ -36,9 +38,10 @@ impl SegmentWriter {
                 .map_err(|_| Error::failed("the store has used up its segment numbers", "start a new store"))?;
             let name = format!("{id:06}-{purpose}.seg");
             tx.execute("UPDATE segments SET file = ?1 WHERE id = ?2", (&name, id))?;
-            let path = store.segment_path(&name);
+            let path = files::segment_path(store.dir(), &name)?;
             // A file of that name can only be left from a creation that was killed before its commit.
-            let file = File::create(&path).map_err(|e| Error::io(&path, &e))?;
+            let file = files::open(&path, For::Making)?;
+            file.set_len(0).map_err(|e| Error::io(&path, &e))?;
             if !locks::try_exclusive(&file, &path)? {
                 return Err(Error::damaged(&path, "another process writes a segment that has no row"));
             }
@@ -145,17 +148,31 @@ impl ExtentStream<'_> {
     }
 }
 
-/// Maps a segment file as it is now.
-pub(super) fn map(path: &Path) -> Result<Arc<Mmap>> {
-    let file = File::open(path).map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => Error::damaged(path, "the segment file is missing"),
-        _ => Error::io(path, &e),
-    })?;
-    // SAFETY: segment files are append-only: bytes below the present length are written before the
-    // row that names them and never again. They are truncated only by who holds `readers.lock`
-    // exclusively, and every `Store`, which outlives its mappings' use, holds it shared.
-    let map = unsafe { Mmap::map(&file) };
-    Ok(Arc::new(map.map_err(|e| Error::io(path, &e))?))
+/// A segment file, mapped. It holds the shared lock of the store for as long as it lives.
+pub struct Mapping {
+    map: Mmap,
+    _readers: Option<Arc<File>>,
+}
+
+impl Deref for Mapping {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.map
+    }
+}
+
+/// Maps a segment file as it is now. `readers`: the lock that keeps it from being cut off.
+pub(super) fn map(path: &Path, readers: Option<&Arc<File>>) -> Result<Arc<Mapping>> {
+    let file = files::open_segment(path, For::Reading)?;
+    // SAFETY: what is read of a mapping are extents that a row names or that this process has written: bytes
+    // below `segments.published_bytes`, written before the row and never again (`SegmentWriter`), or our own.
+    // The file is cut off behind those bytes only, and only by who holds `readers.lock` exclusively
+    // (`Store::alone`), while the mapping itself holds it shared. Where one may only read, and there is no lock
+    // file, nobody of our kind has opened the store to write. A program that is not ours and cuts the file
+    // under us ends this process with SIGBUS: no lock prevents that.
+    let map = unsafe { Mmap::map(&file) }.map_err(|e| Error::io(path, &e))?;
+    Ok(Arc::new(Mapping { map, _readers: readers.cloned() }))
 }
 
 /// Gives freed memory back to the system: many small blocks leave holes that the allocator would keep, and

@@ -7,11 +7,15 @@ use lru::LruCache;
 use rusqlite::{OptionalExtension, params};
 
 use super::{Extent, ExtentRef, Store};
+use crate::base::text::shown;
 use crate::base::{ClusterId, Error, Result};
 use crate::model::ExtentKind;
 
 /// Places of extents remembered: about 1 MiB.
 const KNOWN_PLACES: NonZeroUsize = NonZeroUsize::new(16_384).expect("not 0");
+
+/// Kept versions that are named where one is asked for that is not.
+const LISTED: usize = 8;
 
 /// Clusters fetched from the catalogue at a time.
 const PAGE: usize = 1024;
@@ -80,12 +84,15 @@ impl Lineage {
 }
 
 fn unknown(store: &Store, version: u64, what: &str) -> Error {
+    let kept = store.kept_versions().unwrap_or_default();
+    let listed: Vec<String> = kept.iter().rev().take(LISTED).rev().map(u64::to_string).collect();
+    let more = if kept.len() > listed.len() { "..., " } else { "" };
     Error::Usage {
-        message: format!("{}: {what} {version}", store.dir().display()),
-        help: format!(
-            "see the kept ones with `sqlite3 {}/scene.sqlite 'select * from v_solution_versions'`",
-            store.dir().display()
-        ),
+        message: format!("{}: {what} {version}", shown(store.dir())),
+        help: match listed.last() {
+            Some(newest) => format!("give one that is kept ({more}{}), as in `--version {newest}`", listed.join(", ")),
+            None => "leave out `--version`".to_owned(),
+        },
     }
 }
 
@@ -283,7 +290,7 @@ impl Iterator for Clusters<'_> {
 mod tests {
     use super::*;
     use crate::model::light::LightView;
-    use crate::model::rays::{RayNode, TopRaysView};
+    use crate::model::rays::RayNode;
     use crate::store::fixture;
 
     #[test]
@@ -298,8 +305,8 @@ mod tests {
         assert_eq!(light.header().channels, 3);
         assert!(snapshot.extent(ExtentKind::Bake, ClusterId(7)).unwrap().is_none());
         assert!(snapshot.links(ClusterId(7)).unwrap().is_empty());
-        let (top, file) = store.ray_top().unwrap().unwrap();
-        let top = top.parse(TopRaysView::parse).unwrap();
+        let rays = store.rays().unwrap();
+        let (top, file) = (rays.top().unwrap(), rays.file());
         let at = top.clusters[7].nodes_at as usize;
         let node: RayNode = bytemuck::pod_read_unaligned(&file[at..at + size_of::<RayNode>()]);
         assert_eq!(node.min_m, [0.0, 0.0, 7.0], "places are those of the whole file");

@@ -4,9 +4,13 @@ use rusqlite::ErrorCode;
 
 use super::Store;
 use crate::base::Error;
+use crate::base::text::for_shell;
 
 /// File name of the catalogue within a store.
 pub(super) const CATALOGUE: &str = "scene.sqlite";
+
+/// What is said where nothing more can be written.
+const FULL: &str = "the disk is full";
 
 impl From<rusqlite::Error> for Error {
     /// Paths are the catalogue's bare name until [`Store::named`] completes them.
@@ -18,7 +22,7 @@ impl From<rusqlite::Error> for Error {
             }
             Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => Self::damaged(path, error.to_string()),
             Some(ErrorCode::DiskFull) => Self::failed(
-                format!("{CATALOGUE}: the disk is full"),
+                format!("{CATALOGUE}: {FULL}"),
                 "free some space, then run the same command again: it resumes",
             ),
             _ => match error {
@@ -35,14 +39,25 @@ impl From<rusqlite::Error> for Error {
 }
 
 impl Store {
+    fn room_help(&self) -> String {
+        format!(
+            "free some space (`clerestory gc {}` needs none itself), then run the same command again: it resumes",
+            for_shell(self.dir())
+        )
+    }
+
     /// Completes an error of the catalogue with the store's path and, if busy, the holder.
     pub(super) fn named(&self, error: Error) -> Error {
         match error {
             Error::Busy { holder, .. } if holder.is_empty() => {
                 Error::Busy { store: self.dir().to_path_buf(), holder: self.holder() }
             }
-            Error::Damaged { path, detail } if path.as_os_str() == CATALOGUE => {
-                Error::Damaged { path: self.dir().join(CATALOGUE), detail }
+            Error::Damaged { path, detail, help } if path.as_os_str() == CATALOGUE => {
+                Error::Damaged { path: self.dir().join(CATALOGUE), detail, help }
+            }
+            Error::Failed { message, help } if message.starts_with(CATALOGUE) => {
+                let help = if message.ends_with(FULL) { self.room_help() } else { help };
+                Error::Failed { message: format!("{}/{message}", self.dir().display()), help }
             }
             other => other,
         }

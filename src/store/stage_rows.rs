@@ -4,6 +4,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::Store;
+use crate::base::text::for_shell;
 use crate::base::{Error, Result};
 
 /// The stages whose results lie in the catalogue.
@@ -26,6 +27,12 @@ impl Stage {
             Self::Visibility => "visibility",
             Self::Partition => "partition",
         }
+    }
+
+    /// What its command takes besides the store.
+    #[must_use]
+    pub fn takes(self) -> &'static str {
+        if self == Self::Ingest { " MODEL.obj" } else { "" }
     }
 
     /// The stage before.
@@ -115,7 +122,7 @@ impl Store {
     pub fn require_stage(&self, stage: Stage) -> Result<StageRecord> {
         let missing = |why: &str| Error::StageMissing {
             message: format!("{}: {why} {} data in this store", self.dir().display(), stage.name()),
-            help: format!("run `clerestory {} {}` first", stage.name(), self.dir().display()),
+            help: format!("run `clerestory {} {}{}` first", stage.name(), for_shell(self.dir()), stage.takes()),
         };
         let record = self.stage(stage)?.ok_or_else(|| missing("no"))?;
         if let Some(before) = stage.before() {

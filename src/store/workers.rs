@@ -3,7 +3,7 @@
 
 use rusqlite::{Transaction, params};
 
-use super::{SegmentWriter, Store, coordinator, locks};
+use super::{SegmentWriter, Store, coordinator, files, locks};
 use crate::base::{ClusterId, Result};
 
 /// This process as a worker.
@@ -55,7 +55,7 @@ pub(super) fn segment_is_free(store: &Store, tx: &Transaction<'_>, segment: Opti
     let mut query = tx.prepare_cached("SELECT file FROM segments WHERE id = ?1")?;
     let mut rows = query.query([segment])?;
     match rows.next()? {
-        Some(row) => locks::is_free(&store.segment_path(&row.get::<_, String>(0)?)),
+        Some(row) => locks::is_free(&files::segment_path(store.dir(), &row.get::<_, String>(0)?)?),
         // gc takes only files that nobody writes.
         None => Ok(true),
     }

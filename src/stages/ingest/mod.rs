@@ -46,12 +46,15 @@ use self::scratch::Scratch;
 use self::tree::Rules;
 use self::typical::Far;
 use self::write::{NewMaterials, Source, Totals, Writers};
+use super::entry;
 use crate::base::memory::MemoryBudget;
 use crate::base::text::{for_shell, shown, stored};
 use crate::base::{Error, Progress, Result};
 use crate::formats::mtl;
 use crate::store::stage_rows::hash;
-use crate::store::{ExtentRef, IngestTx, ModelFacts, RunLock, SegmentWriter, Snapshot, Stage, StageRecord, Store};
+use crate::store::{
+    ExtentRef, IngestTx, ModelFacts, RunLock, SegmentWriter, Snapshot, Stage, StageRecord, Store, folder,
+};
 
 /// Least memory that an ingest runs in, bytes.
 const LEAST_MEMORY: u64 = 48 << 20;
@@ -226,15 +229,18 @@ pub fn execute(plan: Plan, progress: &dyn Progress) -> Result<Summary> {
     let is_new = !options.store.exists();
     let done = ingest(&options, progress);
     if done.is_err() && is_new {
-        // The error is what matters; a folder that stays behind does no harm.
-        let _ = std::fs::remove_dir_all(&options.store);
+        folder::unmake(&options.store);
     }
     done
 }
 
 fn ingest(options: &Options, progress: &dyn Progress) -> Result<Summary> {
-    let store = Store::create(&options.store, options.wait)?;
+    let make = if options.fresh { Store::create_anew } else { Store::create };
+    let store = make(&options.store, options.wait)?;
     let _lock = RunLock::take(&store, &format!("clerestory ingest {}", for_shell(&options.store)))?;
+    if !options.fresh {
+        entry::trust_rows(&store)?;
+    }
     let before = if options.fresh { None } else { store.stage(Stage::Ingest)? };
     if let Some(record) = &before
         && rerun::is_unchanged(record, options)?

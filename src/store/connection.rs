@@ -1,0 +1,104 @@
+//! Connections to the catalogue: to work on it, or only to read where one may not write.
+
+use std::fmt::Write;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, ErrorCode, OpenFlags};
+
+use super::seals;
+use crate::base::text::{for_shell, shown};
+use crate::base::{Error, Result};
+
+/// What one may do with a store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Access {
+    /// Everything.
+    Write,
+    /// Read: somebody else's folder, or a read-only mount.
+    Read,
+}
+
+/// Whether SQLite failed because one may only read.
+pub(super) fn is_refusal(error: &rusqlite::Error) -> bool {
+    use ErrorCode::{CannotOpen, PermissionDenied, ReadOnly};
+    matches!(error.sqlite_error_code(), Some(ReadOnly | CannotOpen | PermissionDenied))
+}
+
+/// Opens a catalogue to work on it.
+pub(super) fn to_write(path: &Path, create: bool) -> rusqlite::Result<Connection> {
+    let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    flags.set(OpenFlags::SQLITE_OPEN_CREATE, create);
+    distrust(Connection::open_with_flags(path, flags)?)
+}
+
+/// What a catalogue brings along is data: it makes nothing run.
+fn distrust(connection: Connection) -> rusqlite::Result<Connection> {
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    // Our own triggers, which keep the seals, are temporary: they are not meant by this.
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, false)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
+    seals::define_hash(&connection)?;
+    Ok(connection)
+}
+
+/// Opens a catalogue without writing anything, not even beside it.
+///
+/// Where a log lies beside it, it is read with the catalogue. Without one the catalogue is all there is, and is
+/// read as a file that nobody changes.
+pub(super) fn to_read(path: &Path, dir: &Path) -> Result<Connection> {
+    let beside = |ending: &str| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(ending);
+        std::fs::metadata(PathBuf::from(name)).ok().map(|meta| meta.len())
+    };
+    let log = beside("-wal").unwrap_or(0);
+    if beside("-shm").is_some() && beside("-wal").is_some() {
+        match open_by_uri(path, "mode=ro&readonly_shm=1") {
+            Ok(connection) => return Ok(connection),
+            Err(error) if log > 0 && is_refusal(&error) => return Err(unreadable_log(dir)),
+            Err(error) if log > 0 => return Err(error.into()),
+            Err(_) => {}
+        }
+    }
+    if log > 0 {
+        return Err(unreadable_log(dir));
+    }
+    Ok(open_by_uri(path, "immutable=1")?)
+}
+
+fn open_by_uri(path: &Path, how: &str) -> rusqlite::Result<Connection> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
+    let connection = distrust(Connection::open_with_flags(format!("file:{}?{how}", encoded(path)), flags)?)?;
+    // Nothing is read before this.
+    connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))?;
+    Ok(connection)
+}
+
+/// A path as part of a URI.
+fn encoded(path: &Path) -> String {
+    let mut out = String::new();
+    for &byte in path.as_os_str().as_bytes() {
+        match byte {
+            b'/' | b'.' | b'-' | b'_' => out.push(char::from(byte)),
+            _ if byte.is_ascii_alphanumeric() => out.push(char::from(byte)),
+            _ => write!(out, "%{byte:02X}").expect("a string takes all"),
+        }
+    }
+    out
+}
+
+fn unreadable_log(dir: &Path) -> Error {
+    let message = format!("{}: its last changes lie in a log that only who may write can read", shown(dir));
+    Error::failed(message, copy_help(dir))
+}
+
+/// What is said to who may not write.
+pub(super) fn unwritable(dir: &Path) -> Error {
+    Error::failed(format!("{}: you may read this store, but not write to it", shown(dir)), copy_help(dir))
+}
+
+fn copy_help(dir: &Path) -> String {
+    format!("work on a copy: `cp -r {} copy.clr`", for_shell(dir))
+}
