@@ -203,7 +203,7 @@ pub struct IngestFlags {
     /// Patches per cluster, at most 256; larger objects are split in space
     #[arg(long, value_name = "N", default_value = "64", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub max_cluster_patches: u32,
-    /// Faces this near coincide, m or with a unit [default: 1e-5 of the bounding diagonal]
+    /// Faces this near coincide, m or with a unit [default: 1e-5 of the bounding diagonal, at most 1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub snap: Option<f64>,
 }
@@ -472,7 +472,7 @@ pub struct SampleArgs {
     pub points: PathBuf,
     #[command(flatten)]
     pub output: OutputFlags,
-    /// Points this near to a surface are on it, m or with a unit [default: 1e-5 of the bounding diagonal]
+    /// Points this near to a surface are on it, m or with a unit [default: 1e-5 of the bounding diagonal, at most 1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub snap: Option<f64>,
     /// Solution version [default: newest]
@@ -493,13 +493,13 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X,Y,Z", requires = "eye", allow_hyphen_values = true)]
     pub look: Option<Triple>,
     /// Vertical field of view, degrees
-    #[arg(long, value_name = "DEG", default_value = "60", value_parser = degrees)]
+    #[arg(long, value_name = "DEG", default_value = "60", value_parser = degrees, requires = "eye")]
     pub fov: f64,
     /// Pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768")]
     pub size: PictureSize,
     /// What is up in the picture [default: the model's vertical]
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "eye")]
     pub view_up: Option<Triple>,
     /// Solution version [default: newest]
     #[arg(long, value_name = "N")]

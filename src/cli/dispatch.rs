@@ -119,7 +119,8 @@ fn do_ingest(args: IngestArgs, common: &Common, context: &Context<'_>) -> Result
     options.fresh = args.writing.fresh;
     let plan = ingest::plan(&options)?;
     if args.writing.dry_run {
-        return Ok(Report::plan("ingest", store, &plan.to_string()));
+        let text = format!("{plan}\n{}", ingest::foresee(&options)?);
+        return Ok(Report::plan("ingest", store, &text));
     }
     let summary = ingest::execute(plan, context.progress)?;
     remember(context, "ingest", &store, common.wait)?;
@@ -139,7 +140,7 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
         visibility::Options { missing: args.flags.missing, seed: args.seed.seed, workers, memory_bytes: common.memory };
     if args.writing.dry_run {
         let plan = visibility::plan(&store, &options)?;
-        let what = if plan.done { "nothing to do" } else { "rays from every cluster" };
+        let what = if plan.done && !args.writing.fresh { "nothing to do" } else { "rays from every cluster" };
         let text = format!("visibility of {} clusters with {workers} workers: {what}", plan.clusters);
         return Ok(Report::plan("visibility", args.store, &text));
     }
@@ -163,7 +164,7 @@ fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> 
     };
     if args.writing.dry_run {
         let plan = partition::plan(&store, &options)?;
-        let what = if plan.done {
+        let what = if plan.done && !args.writing.fresh {
             "the groups stay as they are".to_owned()
         } else {
             format!("at least {} groups", plan.groups)
@@ -244,6 +245,7 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
     let options = solve_options(which, &args.flags, &args.schedule, (args.seed.seed, args.version, common.memory));
     let plan = solve_group::plan(&store, &options)?;
     if args.dry_run {
+        entry::version_to_read(&store, args.version)?;
         let text = format!(
             "solve {} of {} groups, no element edge below {:.4} m, memory at most {} MiB",
             match options.which {
@@ -311,6 +313,15 @@ fn do_run(args: &RunArgs, common: &Common, context: &Context<'_>) -> Result<Repo
     let store = options.store.clone();
     let plan = run::plan(&options)?;
     if args.writing.dry_run {
+        if !args.models.is_empty() {
+            let mut options = ingest_options(store.clone(), args.models.clone(), &args.ingest, common);
+            options.fresh = args.writing.fresh;
+            ingest::plan(&options)?;
+            ingest::foresee(&options)?;
+        }
+        if args.version.is_some() {
+            entry::version_to_read(&entry::open(&store, common.wait)?, args.version)?;
+        }
         let lines: Vec<String> = plan.commands.iter().map(|c| command_line(c)).collect();
         return Ok(Report::plan("run", store, &lines.join("\n")));
     }

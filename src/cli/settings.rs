@@ -20,6 +20,9 @@ use crate::stages::settings::recorded;
 
 /// In the current folder.
 const FILE: &str = "clerestory.toml";
+const ENVIRONMENT: &str = "environment";
+/// Where values come from below the command line, each beating those before it.
+const LAYERS: [&str; 4] = ["default", "store", FILE, ENVIRONMENT];
 
 /// Flags that a store remembers, by the stage that they shape.
 const REMEMBERED: [(&str, &[&str]); 4] = [
@@ -52,25 +55,10 @@ pub struct Resolved {
     lower: BTreeMap<String, (String, &'static str)>,
 }
 
-/// The command with the environment as a layer of every flag that takes a value.
+/// The command.
 #[must_use]
 pub fn command() -> Command {
-    let mut command = with_environment(Cli::command());
-    let verbs: Vec<String> = command.get_subcommands().map(|c| c.get_name().to_owned()).collect();
-    for verb in verbs {
-        command = command.mut_subcommand(verb, with_environment);
-    }
-    command
-}
-
-fn with_environment(command: Command) -> Command {
-    command.mut_args(|arg| match settable(&arg) {
-        Some(flag) => {
-            let name = format!("CLERESTORY_{}", flag.replace('-', "_").to_uppercase());
-            arg.env(name).hide_env(true)
-        }
-        None => arg,
-    })
+    Cli::command()
 }
 
 /// The name of a flag that takes a value and may come from elsewhere than the command line.
@@ -109,7 +97,7 @@ pub fn resolve(line: &[OsString]) -> std::result::Result<Result<Resolved>, clap:
     Ok(Ok(Resolved { matches, lower }))
 }
 
-/// Values of the file and the store for a verb's flags.
+/// Values of the environment, the file and the store for a verb's flags.
 fn lower_layers(
     command: &Command,
     verb: &str,
@@ -136,18 +124,26 @@ fn lower_layers(
             lower.insert(flag, (value, FILE));
         }
     }
+    for flag in flags {
+        let name = format!("CLERESTORY_{}", flag.replace('-', "_").to_uppercase());
+        if let Ok(value) = std::env::var(name) {
+            lower.insert(flag, (value, ENVIRONMENT));
+        }
+    }
     forget_overruled_tolerance(matches, &mut lower);
     Ok(lower)
 }
 
-/// A tolerance that the store remembers gives way to a quality that somebody chose just now.
+/// Tolerance and quality are one setting: a tolerance gives way to a quality from a higher layer.
 fn forget_overruled_tolerance(matches: &ArgMatches, lower: &mut BTreeMap<String, (String, &'static str)>) {
     if matches.try_contains_id("quality").is_err() {
         return;
     }
-    let chosen = matches!(matches.value_source("quality"), Some(ValueSource::CommandLine | ValueSource::EnvVariable))
-        || lower.get("quality").is_some_and(|q| q.1 == FILE);
-    if chosen && lower.get("tolerance").is_some_and(|t| t.1 == "store") {
+    let rank = |flag: &str| match matches.value_source(flag) {
+        Some(ValueSource::CommandLine) => LAYERS.len(),
+        _ => lower.get(flag).map_or(0, |(_, layer)| LAYERS.iter().position(|l| l == layer).unwrap_or(0)),
+    };
+    if rank("quality") > rank("tolerance") {
         lower.remove("tolerance");
     }
 }
@@ -256,7 +252,6 @@ impl Resolved {
             let value = raw.map(|v| v.to_string_lossy()).collect::<Vec<_>>().join(" ");
             let source = match matches.value_source(id) {
                 Some(ValueSource::CommandLine) => "flag",
-                Some(ValueSource::EnvVariable) => "environment",
                 _ => self.lower.get(&flag).map_or("default", |l| l.1),
             };
             out.push(Setting { verb: verb.to_owned(), flag, value, source });

@@ -121,6 +121,33 @@ pub fn split_oversized(graph: &Graph, grouping: Grouping) -> Grouping {
     }
 }
 
+/// Splits the costliest groups until there are as many as asked for, or every cluster is one.
+#[must_use]
+pub fn split_into(graph: &Graph, grouping: Grouping, least: usize) -> Grouping {
+    let costs = graph.costs();
+    let mut members: Vec<Vec<usize>> = Vec::new();
+    for (cluster, group) in renumber(&grouping).into_iter().enumerate() {
+        members.resize_with(members.len().max(group as usize + 1), Vec::new);
+        members[group as usize].push(cluster);
+    }
+    let cost = |group: &Vec<usize>| group.iter().map(|i| costs[*i]).sum::<f64>();
+    while members.len() < least {
+        let divisible = (0..members.len()).filter(|g| members[*g].len() > 1);
+        let Some(costliest) = divisible.max_by(|a, b| cost(&members[*a]).total_cmp(&cost(&members[*b])).then(b.cmp(a)))
+        else {
+            break;
+        };
+        let half = far_half(graph, &members[costliest], &costs);
+        members[costliest].retain(|i| !half.contains(i));
+        members.push(half);
+    }
+    let mut out = vec![0; grouping.len()];
+    for (group, of) in members.iter().enumerate() {
+        of.iter().for_each(|cluster| out[*cluster] = group as u32);
+    }
+    renumber(&out)
+}
+
 /// The second half, by cost, of some clusters along the longest extent of their middles.
 #[must_use]
 pub fn far_half(graph: &Graph, members: &[usize], costs: &[f64]) -> Vec<usize> {

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::base::Result;
 use crate::base::text::for_shell;
-use crate::store::{ProcessGuard, RunLock, Stage, Store, reserve};
+use crate::store::{ProcessGuard, RunLock, Snapshot, Stage, Store, reserve};
 
 /// Opens a store; exit code 10 if there is none. `wait`: for a busy one.
 pub fn open(dir: &Path, wait: Duration) -> Result<Store> {
@@ -55,5 +55,6 @@ pub fn forget_partition(store: &Store) -> Result<()> {
 
 /// The version to read: that asked for, or the newest end of an iteration.
 pub fn version_to_read(store: &Store, version: Option<u64>) -> Result<u64> {
-    version.map_or_else(|| store.newest_iteration_end(), Ok)
+    let Some(version) = version else { return store.newest_iteration_end() };
+    Snapshot::at(store, version).map(|snapshot| snapshot.version())
 }

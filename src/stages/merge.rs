@@ -114,6 +114,17 @@ impl super::summary::Summary for Summary {
     fn next(&self) -> Option<String> {
         self.next.clone()
     }
+
+    fn shortfall(&self) -> Option<Error> {
+        let balance = self.energy_balance.filter(|_| self.is_unbalanced)?;
+        Some(Error::NotConverged {
+            message: format!(
+                "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
+                100.0 * balance
+            ),
+            help: "run again with a smaller `--tolerance`, or a finer `--quality`".to_owned(),
+        })
+    }
 }
 
 /// Finds what can be merged; exit code 13 names groups that are missing or do not fit.

@@ -11,7 +11,7 @@ use crate::geom::bounds::Bounds;
 use crate::geom::quadtree::patch_polygon;
 use crate::model::ExtentKind;
 use crate::model::visibility::VisibilityView;
-use crate::partition::graph::{Edge, Graph, Grouping, Place, predicted_contraction, split_oversized};
+use crate::partition::graph::{Edge, Graph, Grouping, Place, predicted_contraction, split_into, split_oversized};
 use crate::partition::split::{Occluder, split};
 use crate::partition::{merge, plain};
 use crate::store::partition_rows::GroupRow;
@@ -148,7 +148,7 @@ pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
             Method::Region => plain::region(&graph, plan.groups, up_axis(store)?),
             Method::Random => plain::random(&graph, plan.groups, 1),
         };
-        let grouping = split_oversized(&graph, grouping);
+        let grouping = split_into(&graph, split_oversized(&graph, grouping), plan.groups);
         let rows = rows(&set, &graph, &grouping)?;
         let mut pairs = graph.places.iter().zip(&grouping).map(|(p, g)| (ClusterId(p.cluster), *g));
         store.publish_partition(&plan.record, &rows, &mut pairs)?;

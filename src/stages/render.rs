@@ -160,7 +160,7 @@ pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
     let covered: u64 = rows.iter().map(|r| r.covered).sum();
     drop(rows);
     let written = if plan.is_hdr {
-        write_hdr(&pixels, (width, height), &header_lines(&plan.options), &mut out)
+        write_hdr(&pixels, (width, height), &header_lines(&plan.options, &plan.facts), &mut out)
     } else {
         let exposure = tone::exposure(&pixels);
         let bytes: Vec<u8> = pixels.iter().flat_map(|p| tone::display(*p, exposure)).collect();
@@ -177,7 +177,7 @@ pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
 }
 
 /// What a Radiance picture says of itself.
-fn header_lines(options: &Options) -> Vec<String> {
+fn header_lines(options: &Options, facts: &ModelFacts) -> Vec<String> {
     let mut lines = vec!["# radiance in W/(m2 sr)".to_owned(), "EXPOSURE=1".to_owned()];
     if let Some([eye, look]) = options.eye_and_look {
         let along: [f64; 3] = std::array::from_fn(|i| look[i] - eye[i]);
@@ -185,11 +185,12 @@ fn header_lines(options: &Options) -> Vec<String> {
         let (width, height) = options.size;
         let half = libm::tan(0.5 * options.fov_degrees.to_radians());
         let across = 2.0 * libm::atan(half * f64::from(width) / f64::from(height)).to_degrees();
-        let up = options.view_up.map(|up| format!(" -vu {}", text(up))).unwrap_or_default();
+        let up = options.view_up.unwrap_or(vertical(facts).to_array());
         lines.push(format!(
-            "VIEW=-vtv -vp {} -vd {}{up} -vh {across} -vv {}",
+            "VIEW=-vtv -vp {} -vd {} -vu {} -vh {across} -vv {}",
             text(eye),
             text(along),
+            text(up),
             options.fov_degrees
         ));
     }

@@ -115,14 +115,8 @@ impl super::summary::Summary for Summary {
                 help: "run the same command again; if they fail again, give more `--memory`".to_owned(),
             });
         }
-        if let (true, Some(balance)) = (self.solution.is_unbalanced, self.solution.energy_balance) {
-            return Some(Error::NotConverged {
-                message: format!(
-                    "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
-                    100.0 * balance
-                ),
-                help: "run again with a smaller `--tolerance`, or a finer `--quality`".to_owned(),
-            });
+        if self.solution.is_unbalanced {
+            return super::summary::Summary::shortfall(&self.solution);
         }
         (!self.solution.converged).then(|| Error::NotConverged {
             message: format!("not converged after {} iterations", self.solution.iterations),

@@ -173,7 +173,7 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
     };
     let joined: Option<u64> = tx
         .query_row(
-            "SELECT id FROM branches WHERE (base_version = ?1 OR continued_from = ?1) AND options_hash = ?2
+            "SELECT id FROM branches WHERE (base_version = ?1 AND cause = 'settings' OR continued_from = ?1) AND options_hash = ?2
              ORDER BY id DESC LIMIT 1",
             params![version, settings.options_hash],
             |r| r.get(0),

@@ -104,18 +104,24 @@ impl Survey {
         Ok(survey)
     }
 
-    /// The frame of a store: its origin is the centre of the bounds, in whole units.
+    /// Most of the model, where its bounds are so wide that they tell nothing of it.
+    fn most(&self) -> Option<Whereabouts> {
+        self.whereabouts.filter(|around| around.is_wide(&[self.bounds.min, self.bounds.max]))
+    }
+
+    /// The frame of a store: its origin is the centre of the bounds, or of most of the model, in whole units.
     #[must_use]
     pub fn frame(&self, metres_per_unit: f64) -> Frame {
-        let origin = if self.is_empty() { DVec3::ZERO } else { self.bounds.centre().round() };
-        Frame { origin, metres_per_unit }
+        let centre = if self.is_empty() { DVec3::ZERO } else { self.bounds.centre() };
+        Frame { origin: self.most().map_or(centre, |around| around.middle).round(), metres_per_unit }
     }
 
     /// Faces this near coincide where nothing else is given, m: no more than what parts of a building are apart, no
     /// less than coordinates are rounded by.
     #[must_use]
     pub fn snap_m(&self, metres_per_unit: f64) -> f64 {
-        let diagonal_m = if self.is_empty() { 0.0 } else { self.bounds.size().length() * metres_per_unit };
+        let whole = if self.is_empty() { 0.0 } else { self.bounds.size().length() };
+        let diagonal_m = self.most().map_or(whole, |around| 2.0 * around.radius) * metres_per_unit;
         (SNAP * diagonal_m).min(MOST_SNAP_M).max(2.0 * f64::from(f32::EPSILON) * diagonal_m)
     }
 

@@ -147,6 +147,13 @@ pub fn plan(options: &Options) -> Result<Plan> {
             help: format!("give `--memory {}M` or more", LEAST_MEMORY >> 20),
         });
     }
+    if options.emit_both && !options.both_sides {
+        return Err(Error::Usage {
+            message: "`--emit both` and `--sides front` contradict each other: a back that is not there emits nothing"
+                .to_owned(),
+            help: "leave out one of them".to_owned(),
+        });
+    }
     let mut model_bytes = 0;
     for path in options.models.iter().chain(&options.materials) {
         let meta = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?;
@@ -221,6 +228,21 @@ impl super::summary::Summary for Summary {
     fn next(&self) -> Option<String> {
         Some(format!("clerestory visibility {}", for_shell(&self.store)))
     }
+}
+
+/// What an ingest would do to the store that is there, if any; refuses what it would refuse.
+pub fn foresee(options: &Options) -> Result<&'static str> {
+    let before = match Store::open(&options.store, options.wait) {
+        Ok(store) if !options.fresh => store.stage(Stage::Ingest)?,
+        Ok(_) => return Ok("the store is emptied"),
+        Err(Error::NoStore { .. }) => None,
+        Err(error) => return Err(error),
+    };
+    Ok(match before {
+        None => "a new store",
+        Some(record) if rerun::is_unchanged(&record, options)? => "nothing to do",
+        Some(_) => "the model is read again: other materials open a branch, another geometry is refused",
+    })
 }
 
 /// Ingests. A store that was made here goes again if it fails.

@@ -5,20 +5,23 @@ use std::collections::BinaryHeap;
 
 use glam::DVec3;
 
+use crate::geom::bounds::Bounds;
 use crate::geom::sequence::mix_point;
 
 /// Faces looked at for the whole model; chosen by their places, so that neither order nor memory matters.
 const SAMPLED: usize = 4096;
 /// Share of the faces that lie within the radius.
 const MOST: f64 = 0.9;
-/// Radii beyond which a face is far off. Towns and skies lie within; a building is this far from zero in national
-/// coordinates.
-const FAR: f64 = 1000.0;
+/// Radii beyond which a model is wide: its coordinates are rounded to a ten-thousandth of a radius there.
+const WIDE: f64 = 1000.0;
+/// Radii beyond which a face is far off. Landscapes, towns and skies lie within; buildings in national coordinates are
+/// this far from zero.
+const FAR: f64 = 2e4;
 
 /// The middle of a model's faces, and what most of them lie within; model units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Whereabouts {
-    middle: DVec3,
+    pub middle: DVec3,
     /// Largest coordinate difference from the middle of nine faces in ten.
     pub radius: f64,
 }
@@ -28,6 +31,13 @@ impl Whereabouts {
     #[must_use]
     pub fn distance(&self, points: &[DVec3]) -> f64 {
         points.iter().map(|p| (*p - self.middle).abs().max_element()).fold(0.0, f64::max)
+    }
+
+    /// Whether so much more than most of the model is held by these corners that coordinates from their centre would
+    /// lose its details.
+    #[must_use]
+    pub fn is_wide(&self, points: &[DVec3]) -> bool {
+        self.distance(points) > WIDE * self.radius
     }
 
     /// Whether a face reaches so far that it says nothing of where the model is.
@@ -66,6 +76,7 @@ impl Sample {
                 [DVec3::new(a, b, c), DVec3::new(d, e, f)]
             })
             .collect();
+        let boxes = largest_part(boxes);
         let last = boxes.len().checked_sub(1)?;
         let middle = DVec3::from_array([0, 1, 2].map(|axis| {
             let mut all: Vec<f64> = boxes.iter().map(|[low, high]| 0.5 * (low[axis] + high[axis])).collect();
@@ -77,6 +88,36 @@ impl Sample {
         distances.sort_unstable_by(f64::total_cmp);
         Some(Whereabouts { radius: distances[(MOST * last as f64) as usize], ..around })
     }
+}
+
+/// The faces on the more crowded side of every gap that is wider than [`WIDE`] times what lies on either side. Of two
+/// that are as crowded, those farther from zero: markers stand there.
+fn largest_part(mut boxes: Vec<[DVec3; 2]>) -> Vec<[DVec3; 2]> {
+    let mut axis = 0;
+    let mut uncut = 0;
+    while uncut < 3 && boxes.len() > 1 {
+        boxes.sort_by(|a, b| (a[0][axis] + a[1][axis]).total_cmp(&(b[0][axis] + b[1][axis])));
+        let middle = |i: usize| 0.5 * (boxes[i][0][axis] + boxes[i][1][axis]);
+        let gap = |i: usize| middle(i) - middle(i - 1);
+        let widest = (2..boxes.len()).fold(1, |w, i| if gap(i) > gap(w) { i } else { w });
+        let gap = gap(widest);
+        let size = |part: &[[DVec3; 2]]| {
+            let bounds = part.iter().fold(Bounds::EMPTY, |all, b| all.union(Bounds { min: b[0], max: b[1] }));
+            (bounds.size().max_element(), bounds.centre().length())
+        };
+        let ((low, low_away), (high, high_away)) = (size(&boxes[..widest]), size(&boxes[widest..]));
+        (axis, uncut) = ((axis + 1) % 3, uncut + 1);
+        if gap > WIDE * low.min(high) {
+            let (below, above) = (widest, boxes.len() - widest);
+            if below > above || (below == above && low_away > high_away) {
+                boxes.truncate(widest);
+            } else {
+                boxes.drain(..widest);
+            }
+            uncut = 0;
+        }
+    }
+    boxes
 }
 
 #[cfg(test)]
@@ -94,13 +135,26 @@ mod tests {
         for i in 0..10_000 {
             sample.add(&tile(corner + DVec3::new(f64::from(i % 100), f64::from(i / 100), 0.0), 1.0));
         }
-        let (marker, ground) = (tile(DVec3::ZERO, 1.0), tile(corner, 1e6));
+        let (marker, ground) = (tile(DVec3::ZERO, 1.0), tile(corner, 2e6));
         sample.add(&marker);
         sample.add(&ground);
         let found = sample.whereabouts().unwrap();
         assert!((20.0..80.0).contains(&found.radius), "{found:?}");
         assert!(found.is_far(&marker) && found.is_far(&ground));
-        assert!(!found.is_far(&tile(corner + 5000.0, 1.0)));
+        let town = tile(corner + 50_000.0, 1.0);
+        assert!(!found.is_far(&town) && found.is_wide(&town));
+    }
+
+    #[test]
+    fn of_a_building_and_a_marker_with_as_many_faces_the_one_at_zero_is_the_marker() {
+        let corner = DVec3::new(500_000.0, 5_000_000.0, 100.0);
+        let mut sample = Sample::default();
+        for i in 0..6 {
+            sample.add(&tile(DVec3::splat(f64::from(i)), 1.0));
+            sample.add(&tile(corner + f64::from(i), 1.0));
+        }
+        let found = sample.whereabouts().unwrap();
+        assert!(found.is_far(&tile(DVec3::ZERO, 1.0)) && !found.is_far(&tile(corner, 1.0)), "{found:?}");
     }
 
     #[test]
