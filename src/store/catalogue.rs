@@ -1,6 +1,6 @@
 //! Opening a store: its folder, its catalogue, its schema, its connection.
 
-use std::cell::{Cell, RefCell};
+use std::cell::{OnceCell, RefCell};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use super::connection::{self, Access};
 use super::extent::Mappings;
 use super::files::SEGMENTS;
 use super::locks::Joined;
+use super::seals::Ledger;
 use super::sql::CATALOGUE;
 use super::{folder, locks, mounts, reserve, seals};
 use crate::base::text::for_shell;
@@ -57,8 +58,8 @@ pub struct Store {
     access: Access,
     /// Version of the schema: an older one only where the store may only be read.
     format: usize,
-    /// Whether this connection keeps the seals by now.
-    seals: Cell<bool>,
+    /// What the transaction under way has changed; made with the first.
+    ledger: OnceCell<Ledger>,
     wait: Duration,
     pub(super) mappings: RefCell<Mappings>,
     readers: Option<Arc<File>>,
@@ -121,7 +122,7 @@ impl Store {
             connection,
             access,
             format: SCHEMA.len(),
-            seals: Cell::new(false),
+            ledger: OnceCell::new(),
             wait,
             mappings: RefCell::new(Mappings::new()),
             readers: readers.clone(),
@@ -187,7 +188,10 @@ impl Store {
         self.connection.pragma_update(None, "journal_mode", "WAL")?;
         // Files are unlinked after the commit that forgets them: the commit must be on disk by then.
         self.connection.pragma_update(None, "synchronous", "FULL")?;
-        if version < SCHEMA.len() { self.transaction(apply_schema) } else { Ok(()) }
+        if version == SCHEMA.len() {
+            return Ok(());
+        }
+        self.transaction(apply_schema)
     }
 
     /// The store's folder.
@@ -232,17 +236,33 @@ impl Store {
 
     /// Runs `work` in one IMMEDIATE transaction: all of it is done, or nothing.
     pub(super) fn write<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
-        self.keep_seals().map_err(|e| self.named(e))?;
-        self.transaction(work)
+        let ledger = self.ledger().map_err(|e| self.named(e))?;
+        self.transaction(|tx| {
+            ledger.clear();
+            let out = work(tx)?;
+            ledger.settle(tx)?;
+            Ok(out)
+        })
     }
 
-    /// Makes this connection, which must be one to write with, keep the seals from now on.
-    pub(super) fn keep_seals(&self) -> Result<()> {
+    fn transaction<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
+        let run = || {
+            let tx = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate)?;
+            let out = work(&tx)?;
+            tx.commit()?;
+            Ok(out)
+        };
+        run().map_err(|e| self.named(e))
+    }
+
+    /// What counts the rows that a transaction changes; an error where one may only read.
+    pub(super) fn ledger(&self) -> Result<&Ledger> {
         self.require_writable()?;
-        if !self.seals.replace(true) {
-            seals::keep(&self.connection)?;
+        if self.ledger.get().is_none() {
+            // Nobody else can have set it: a connection is one thread's.
+            let _ = self.ledger.set(Ledger::keep(&self.connection)?);
         }
-        Ok(())
+        Ok(self.ledger.get().expect("it was set"))
     }
 
     /// Runs `work` on one state of the catalogue, whatever others write meanwhile.
@@ -254,16 +274,6 @@ impl Store {
             }
             let _reading = Transaction::new_unchecked(&self.connection, TransactionBehavior::Deferred)?;
             work()
-        };
-        run().map_err(|e| self.named(e))
-    }
-
-    fn transaction<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
-        let run = || {
-            let tx = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate)?;
-            let out = work(&tx)?;
-            tx.commit()?;
-            Ok(out)
         };
         run().map_err(|e| self.named(e))
     }
@@ -295,6 +305,7 @@ impl Store {
                 tx.execute(&format!("DELETE FROM {table}"), [])?;
             }
             // What somebody else changed does not matter any more.
+            self.ledger()?.clear();
             Ok(seals::renew(tx)?)
         })?;
         self.drop_unreferenced_segments()?;

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
-use super::seals;
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
@@ -36,10 +35,8 @@ pub(super) fn to_write(path: &Path, create: bool) -> rusqlite::Result<Connection
 /// What a catalogue brings along is data: it makes nothing run.
 fn distrust(connection: Connection) -> rusqlite::Result<Connection> {
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
-    // Our own triggers, which keep the seals, are temporary: they are not meant by this.
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, false)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
-    seals::define_hash(&connection)?;
     Ok(connection)
 }
 

@@ -46,7 +46,7 @@ impl<'s> IngestTx<'s> {
     /// Begins; the store must hold no model. Make the segment writers first: each needs a transaction.
     pub fn begin(store: &'s Store) -> Result<Self> {
         let begin = || -> Result<_> {
-            store.keep_seals()?;
+            store.ledger()?.clear();
             let tx = Transaction::new_unchecked(store.connection(), TransactionBehavior::Immediate)?;
             tx.execute("INSERT INTO branches (id, cause, opened_at) VALUES (0, 'ingest', unixepoch('subsec'))", [])?;
             tx.execute(
@@ -138,6 +138,7 @@ impl<'s> IngestTx<'s> {
             for writer in writers.iter() {
                 writer.publish(&tx)?;
             }
+            store.ledger()?.settle(&tx)?;
             tx.commit()?;
             Ok(())
         };

@@ -1,10 +1,12 @@
 //! Seals: of every table that carries results, the number of its rows and the sum of their hashes. A row that
 //! was changed, added or deleted behind our back, by a bit or by hand, breaks the seal of its table.
 //!
-//! Triggers of our own connection keep them with every write, in the same transaction: at the cost of the rows
-//! that change, and no writer can forget to.
+//! Triggers of a connection that writes count what it inserts, updates and deletes, and the end of its transaction
+//! puts that into the seals: at the cost of the rows that change, and no writer can forget to.
 
-use rusqlite::functions::FunctionFlags;
+use std::sync::{Arc, Mutex};
+
+use rusqlite::functions::{Context, FunctionFlags};
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OptionalExtension};
 use xxhash_rust::xxh3::xxh3_64;
@@ -39,75 +41,105 @@ const MASK: u64 = (1 << 62) - 1;
 /// First version of the schema whose tables are sealed.
 pub(super) const FORMAT: usize = 2;
 
-/// Rows of a table, and the sum of their hashes.
+/// Rows of a table, and the sum of their hashes; or how both change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Seal {
-    rows: u64,
+    rows: i64,
     sum: u64,
 }
 
+impl Seal {
+    fn add(&mut self, row: u64) {
+        *self = Self { rows: self.rows + 1, sum: self.sum.wrapping_add(row) & MASK };
+    }
+
+    fn take(&mut self, row: u64) {
+        *self = Self { rows: self.rows - 1, sum: self.sum.wrapping_sub(row) & MASK };
+    }
+}
+
+/// The hash of a row's values. Numbers that are equal hash alike: SQLite keeps whole ones as integers, whatever the
+/// column's type.
 fn hash<'a>(values: impl Iterator<Item = rusqlite::Result<ValueRef<'a>>>) -> rusqlite::Result<u64> {
     let mut bytes = Vec::with_capacity(512);
-    for value in values {
-        let (kind, text): (u8, &[u8]) = match value? {
-            ValueRef::Null => (0, &[]),
-            ValueRef::Integer(i) => {
-                bytes.push(1);
-                bytes.extend_from_slice(&i.to_le_bytes());
-                continue;
-            }
-            ValueRef::Real(x) => {
-                bytes.push(2);
-                bytes.extend_from_slice(&x.to_le_bytes());
-                continue;
-            }
-            ValueRef::Text(text) => (3, text),
-            ValueRef::Blob(blob) => (4, blob),
-        };
+    let mut put = |kind: u8, value: &[u8]| {
         bytes.push(kind);
-        bytes.extend_from_slice(&(text.len() as u64).to_le_bytes());
-        bytes.extend_from_slice(text);
+        bytes.extend_from_slice(value);
+    };
+    for value in values {
+        match value? {
+            ValueRef::Null => put(0, &[]),
+            ValueRef::Integer(i) => put(1, &i.to_le_bytes()),
+            ValueRef::Real(x) if (x as i64) as f64 == x => put(1, &(x as i64).to_le_bytes()),
+            ValueRef::Real(x) => put(2, &x.to_le_bytes()),
+            ValueRef::Text(text) => {
+                put(3, &(text.len() as u64).to_le_bytes());
+                put(3, text);
+            }
+            ValueRef::Blob(blob) => {
+                put(4, &(blob.len() as u64).to_le_bytes());
+                put(4, blob);
+            }
+        }
     }
     Ok(xxh3_64(&bytes) & MASK)
 }
 
-/// Gives a connection the function `row_hash(values...)`.
-pub(super) fn define_hash(connection: &Connection) -> rusqlite::Result<()> {
-    let flags = FunctionFlags::SQLITE_UTF8 | FunctionFlags::SQLITE_DETERMINISTIC | FunctionFlags::SQLITE_INNOCUOUS;
-    connection.create_scalar_function("row_hash", -1, flags, |values| {
-        hash((0..values.len()).map(|i| Ok(values.get_raw(i)))).map(|h| h as i64)
-    })
-}
+/// What a transaction has changed so far, table by table.
+#[derive(Clone, Default)]
+pub(super) struct Ledger(Arc<Mutex<[Seal; SEALED.len()]>>);
 
-fn columns(connection: &Connection, table: &str) -> rusqlite::Result<Vec<String>> {
-    let mut query = connection.prepare("SELECT name FROM pragma_table_info(?1, 'main') ORDER BY cid")?;
-    query.query_map([table], |row| row.get(0))?.collect()
-}
-
-/// Makes a connection keep the seals with every row that it writes.
-pub(super) fn keep(connection: &Connection) -> rusqlite::Result<()> {
-    // So that a row which another replaces counts as deleted.
-    connection.pragma_update(None, "recursive_triggers", true)?;
-    for table in SEALED {
-        let names = columns(connection, table)?;
-        let hash_of = |row: &str| {
-            let values: Vec<String> = names.iter().map(|name| format!("{row}.\"{name}\"")).collect();
-            format!("row_hash({})", values.join(", "))
+impl Ledger {
+    /// Counts whatever a connection writes from now on to tables that are sealed.
+    pub(super) fn keep(connection: &Connection) -> rusqlite::Result<Self> {
+        let ledger = Self::default();
+        let own = ledger.clone();
+        // `count(place of the table, 1 added or -1 taken, values of the row...)`
+        let count = move |call: &Context<'_>| {
+            let row = hash((2..call.len()).map(|i| Ok(call.get_raw(i))))?;
+            let mut seals = own.0.lock().expect("nobody panics with it");
+            let seal = &mut seals[call.get::<usize>(0)?];
+            if call.get::<i64>(1)? > 0 { seal.add(row) } else { seal.take(row) }
+            Ok(0)
         };
-        let (old, new) = (hash_of("OLD"), hash_of("NEW"));
-        for (event, rows, sum) in [
-            ("INSERT", "row_count + 1", format!("row_sum + {new}")),
-            ("DELETE", "row_count - 1", format!("row_sum - {old}")),
-            ("UPDATE", "row_count", format!("((row_sum - {old}) & {MASK}) + {new}")),
-        ] {
-            connection.execute_batch(&format!(
-                "CREATE TEMP TRIGGER IF NOT EXISTS seal_{event}_{table} AFTER {event} ON main.{table} BEGIN
-                     UPDATE seals SET row_count = {rows}, row_sum = ({sum}) & {MASK} WHERE name = '{table}';
-                 END"
-            ))?;
+        let flags = FunctionFlags::SQLITE_UTF8 | FunctionFlags::SQLITE_INNOCUOUS;
+        connection.create_scalar_function("count_row", -1, flags, count)?;
+        // So that a row which another replaces counts as deleted.
+        connection.pragma_update(None, "recursive_triggers", true)?;
+        let mut triggers = "BEGIN;".to_owned();
+        for (place, table) in SEALED.iter().enumerate() {
+            let query = connection.prepare(&format!("SELECT * FROM main.{table}"))?;
+            let of = |row: &str, sign: i32| {
+                let values: String = query.column_names().map(|name| format!(",{row}.{name}")).collect();
+                format!("SELECT count_row({place},{sign}{values});")
+            };
+            let (added, taken) = (of("NEW", 1), of("OLD", -1));
+            for (event, body) in [("INSERT", &added), ("DELETE", &taken), ("UPDATE", &format!("{taken}{added}"))] {
+                let name = format!("{event}_{table}");
+                triggers += &format!("CREATE TEMP TRIGGER {name} AFTER {event} ON main.{table} BEGIN {body} END;");
+            }
         }
+        connection.execute_batch(&(triggers + "COMMIT"))?;
+        Ok(ledger)
     }
-    Ok(())
+
+    /// Forgets what was counted: a transaction begins.
+    pub(super) fn clear(&self) {
+        *self.0.lock().expect("nobody panics with it") = Default::default();
+    }
+
+    /// Puts what was counted into the seals, as the last thing before the transaction's end.
+    pub(super) fn settle(&self, connection: &Connection) -> Result<()> {
+        let counted = std::mem::take(&mut *self.0.lock().expect("nobody panics with it"));
+        let sql = format!(
+            "UPDATE seals SET row_count = row_count + ?2, row_sum = (row_sum + ?3) & {MASK} WHERE name = ?1"
+        );
+        let mut put = connection.prepare_cached(&sql)?;
+        for (table, change) in SEALED.iter().zip(counted).filter(|(_, change)| *change != Seal::default()) {
+            put.execute((table, change.rows, change.sum))?;
+        }
+        Ok(())
+    }
 }
 
 /// Seals all tables as they are.
@@ -125,8 +157,7 @@ fn seal_of(connection: &Connection, table: &str) -> rusqlite::Result<Seal> {
     let mut rows = query.query([])?;
     let mut seal = Seal::default();
     while let Some(row) = rows.next()? {
-        let own = hash((0..width).map(|i| row.get_ref(i)))?;
-        seal = Seal { rows: seal.rows + 1, sum: (seal.sum + own) & MASK };
+        seal.add(hash((0..width).map(|i| row.get_ref(i)))?);
     }
     Ok(seal)
 }
@@ -141,7 +172,7 @@ impl Store {
             .optional()?;
         let Some((rows, sum)) = kept else { return Ok(Some(format!("table {table} has no seal"))) };
         let found = seal_of(connection, table)?;
-        Ok(if i64::try_from(found.rows) != Ok(rows) {
+        Ok(if found.rows != rows {
             Some(format!("table {table} has {} rows where {rows} were written", found.rows))
         } else if i64::try_from(found.sum) != Ok(sum) {
             Some(format!("a row of table {table} is not what was written"))
