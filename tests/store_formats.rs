@@ -30,8 +30,14 @@ fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {
 }
 
 #[test]
-fn a_store_of_format_1_is_sound_and_gives_its_light() {
-    let (_dir, path) = copy("old_stores/format_1");
+fn stores_of_all_formats_are_sound_and_give_their_light() {
+    for name in ["old_stores/format_1", "old_stores/format_2"] {
+        gives_its_light(name);
+    }
+}
+
+fn gives_its_light(name: &str) {
+    let (_dir, path) = copy(name);
     assert_sound(&path);
     let store = Store::open(&path, Duration::from_secs(5)).unwrap();
     // The lamp's radiance is 3 W/(m2 sr): it emits 3 pi W per m2.
@@ -64,6 +70,8 @@ fn check_names_every_damage_with_kind_file_place_and_cause() {
         ("cut_off_segment", "links", "segments/000008-update.seg", "cluster 0, version 2", "cut off"),
         ("missing_segment", "materials", "segments/000004-materials.seg", "cluster 0, version 0", "missing"),
         ("foreign_row", "geometry", "segments/000001-geometry.seg", "cluster 0", "the catalogue says"),
+        ("deleted_cluster", "catalogue", "scene.sqlite", "clusters", "has 1 rows where 2 were written"),
+        ("changed_model", "catalogue", "scene.sqlite", "model", "is not what was written"),
         ("lost_light", "reference", "scene.sqlite", "cluster 1, version 0", "no radiosity"),
     ];
     for (name, kind, file, id, cause) in expected {

@@ -300,3 +300,71 @@ fn what_check_says_to_do_next_does_it_whatever_the_stores_name() {
     let (code, summary) = finish(clerestory().current_dir(scene.dir.path()).args(["check", name, "--json"]));
     assert_eq!(code, 0, "{summary}");
 }
+
+/// Numbers that look random (splitmix64).
+fn mixed(seed: u64) -> u64 {
+    let mut z = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// How many extents are tampered with; more with `CLERESTORY_TAMPERED`.
+fn tampered() -> u64 {
+    std::env::var("CLERESTORY_TAMPERED").ok().and_then(|n| n.parse().ok()).unwrap_or(48)
+}
+
+#[test]
+fn extents_tampered_with_behind_right_checksums_are_damage_or_numbers_but_never_a_panic() {
+    use xxhash_rust::xxh3::xxh3_64;
+    const TABLES: [(&str, &str); 8] = [
+        ("clusters", "geometry_"),
+        ("clusters", "rays_"),
+        ("clusters", "visibility_"),
+        ("model", "rays_top_"),
+        ("cluster_states", ""),
+        ("cluster_links", ""),
+        ("cluster_materials", ""),
+        ("clusters", "provenance_"),
+    ];
+    let scene = Scene::new();
+    for seed in 0..tampered() {
+        let (table, kind) = TABLES[(seed % 8) as usize];
+        let row = format!("FROM {table} JOIN segments s ON s.id = {kind}segment ORDER BY random() LIMIT 1");
+        let columns = format!("file || ' ' || {kind}offset || ' ' || {kind}bytes");
+        let place: String = scene.ask(&format!("SELECT {columns} {row}"));
+        let words: Vec<&str> = place.split(' ').collect();
+        let (path, at): (_, usize) = (scene.path("segments").join(words[0]), words[1].parse().unwrap());
+        let (start, bytes): (usize, usize) = (at + 64, words[2].parse().unwrap());
+        let whole = std::fs::read(&path).unwrap();
+        let mut tampered = whole.clone();
+        let target = start + 4 * (mixed(seed) as usize % (bytes / 4));
+        let old = u32::from_le_bytes(tampered[target..target + 4].try_into().unwrap());
+        let new = match mixed(seed + 1000) % 6 {
+            0 => u32::MAX,
+            1 => old.wrapping_add(1),
+            2 => old.wrapping_sub(1),
+            3 => 0,
+            4 => old ^ (1 << (mixed(seed + 2000) % 32)),
+            _ => mixed(seed + 3000) as u32,
+        };
+        tampered[target..target + 4].copy_from_slice(&new.to_le_bytes());
+        let hash = xxh3_64(&tampered[start..start + bytes]);
+        tampered[at + 48..at + 56].copy_from_slice(&hash.to_le_bytes());
+        let hash = xxh3_64(&tampered[at..at + 56]);
+        tampered[at + 56..at + 64].copy_from_slice(&hash.to_le_bytes());
+        std::fs::write(&path, &tampered).unwrap();
+        let solve = ["run", "--store", "rooms.clr", "--tolerance", "0.09", "--groups", "4", "-q"];
+        for args in [CHECK, SAMPLE, RENDER, EXPORT, &solve] {
+            let said = scene.said(args);
+            let what = format!("seed {seed}: {table}.{kind} word {} {old:x} -> {new:x}", (target - start) / 4);
+            assert!([0, 3, 12].contains(&said.code), "{what}: {args:?} gives {}: {}", said.code, said.err);
+        }
+        for (name, bytes) in solved() {
+            std::fs::write(scene.dir.path().join(name), bytes).unwrap();
+        }
+        for ending in ["-wal", "-shm"] {
+            let _ = std::fs::remove_file(scene.path(&format!("scene.sqlite{ending}")));
+        }
+    }
+}

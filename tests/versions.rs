@@ -66,6 +66,36 @@ fn after_gc_every_kept_version_exports_the_same_bytes_and_can_be_drawn_and_gone_
 }
 
 #[test]
+fn a_version_that_gc_removed_is_listed_as_not_kept_and_asking_for_it_names_those_that_are() {
+    let dir = scene();
+    assert_eq!(finish(&mut run(dir.path(), &[])).0, 0);
+    let all = kept_versions(dir.path());
+    let gc = clerestory().current_dir(dir.path()).args(["gc", "rooms.clr", "--keep", "1", "-q"]).status().unwrap();
+    assert_eq!(gc.code(), Some(0));
+    let kept = kept_versions(dir.path());
+    assert!(kept.len() < all.len(), "{kept:?} of {all:?}");
+    let listed: u64 =
+        catalogue(dir.path()).unwrap().query_row("SELECT count(*) FROM v_solution_versions", [], |r| r.get(0)).unwrap();
+    assert_eq!(listed, all.len() as u64, "figures stay");
+    std::fs::write(dir.path().join("points.csv"), "x,y,z,nx,ny,nz\n2,1.5,0,0,0,1\n").unwrap();
+    let sample = |version: &str| {
+        let args = ["sample", "rooms.clr", "--points", "points.csv", "-o", "-", "--version", version];
+        clerestory().current_dir(dir.path()).args(args).output().unwrap()
+    };
+    for version in all.iter().filter(|version| !kept.contains(version)).chain(&[999]) {
+        let output = sample(&version.to_string());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "version {version}: {said}");
+        assert!(output.stdout.is_empty());
+        let newest = said.split("`--version ").nth(1).and_then(|rest| rest.split('`').next()).expect("it names one");
+        assert_eq!(newest, kept.last().unwrap().to_string(), "{said}");
+    }
+    for version in kept {
+        assert_eq!(sample(&version.to_string()).status.code(), Some(0), "version {version}");
+    }
+}
+
+#[test]
 fn the_views_answer_while_a_run_is_going() {
     let dir = scene();
     let mut child = run(dir.path(), &["--workers", "2"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();

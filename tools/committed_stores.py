@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Makes data/old_stores/format_1 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
+"""Makes data/old_stores/format_2 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
 
 To be run when a record's bytes change their meaning before a release; later a new format gets a folder
-of its own, and the old ones stay.
+of its own, and the old ones stay. Stores of format 1, whose rows are not sealed, can be broken in one
+thing alone: most of the broken ones are copies of data/old_stores/format_1, which stays as it is.
 """
 
 import os
@@ -44,6 +45,10 @@ def solve(program, folder):
     subprocess.run([program, *run], cwd=folder, check=True)
     store = f"{folder}/lamp_over_floor.clr"
     change(store, "update input_files set path = '/models/' || replace(path, rtrim(path, replace(path, '/', '')), '')")
+    # Opened as one of format 1, it is sealed again.
+    change(store, "drop table seals", "pragma user_version = 1")
+    subprocess.run([program, "gc", store, "-q"], check=True)
+    change(store)
     return store
 
 
@@ -94,8 +99,8 @@ def cut_off(store):
 def main():
     program, data = os.path.abspath(sys.argv[1]), sys.argv[2]
     with tempfile.TemporaryDirectory() as folder:
-        whole = copy(solve(program, folder), f"{data}/old_stores/format_1")
-    broken = f"{data}/broken_stores"
+        sealed = copy(solve(program, folder), f"{data}/old_stores/format_2")
+    whole, broken = f"{data}/old_stores/format_1", f"{data}/broken_stores"
     flip_a_bit(copy(whole, f"{broken}/flipped_bit"))
     cut_off(copy(whole, f"{broken}/cut_off_segment"))
     missing = copy(whole, f"{broken}/missing_segment")
@@ -106,6 +111,8 @@ def main():
     )
     change(copy(whole, f"{broken}/lost_light"), "delete from cluster_states where cluster = 1")
     change(copy(whole, f"{broken}/newer_format"), "pragma user_version = 99")
+    change(copy(sealed, f"{broken}/deleted_cluster"), "delete from clusters where id = 1")
+    change(copy(sealed, f"{broken}/changed_model"), "update model set max_reflectance = 1e300")
 
 
 main()

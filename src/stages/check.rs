@@ -69,7 +69,8 @@ impl super::summary::Summary for Summary {
         let place = if first.id.is_empty() { first.kind.clone() } else { format!("{} {}", first.kind, first.id) };
         let detail = format!("{place}: {} ({} damages in all)", first.detail, self.damages_total);
         let next = self.next.clone().unwrap_or_default();
-        Some(Error::damaged(&first.path, detail).with_help_for_damage(|| format!("make it anew: `{next}`")))
+        let then = if next.starts_with("mv") { ", then the command that made it" } else { ": it makes the store anew" };
+        Some(Error::damaged(&first.path, detail).with_help_for_damage(|| format!("run `{next}`{then}")))
     }
 }
 

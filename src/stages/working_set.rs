@@ -7,6 +7,7 @@ use std::rc::Rc;
 
 use lru::LruCache;
 
+use crate::base::text::for_shell;
 use crate::base::{ClusterId, Error, Result};
 use crate::geom::quadtree::{is_sliced, patch_polygon};
 use crate::model::ExtentKind;
@@ -109,7 +110,7 @@ impl<'s> WorkingSet<'s> {
         let Some(list) = self.snapshot.extent(ExtentKind::Visibility, id)? else {
             return Err(Error::StageMissing {
                 message: format!("cluster {id} has no visibility list"),
-                help: format!("run `clerestory visibility {}` first", self.snapshot.store().dir().display()),
+                help: format!("run `clerestory visibility {}` first", for_shell(self.snapshot.store().dir())),
             });
         };
         let view = list.parse(VisibilityView::parse)?;

@@ -56,7 +56,7 @@ impl Store {
             self.connection().prepare_cached("SELECT max(id) FROM solution_versions")?.query_row([], |r| r.get(0))?;
         newest.ok_or_else(|| Error::StageMissing {
             message: format!("{}: no model in this store", self.dir().display()),
-            help: format!("run `clerestory ingest {} MODEL.obj` first", self.dir().display()),
+            help: format!("run `clerestory ingest {} MODEL.obj` first", crate::base::text::for_shell(self.dir())),
         })
     }
 

@@ -166,10 +166,7 @@ fn newest_with_ingested_materials(tx: &Connection) -> Result<u64> {
 
 fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &SolveSettings) -> Result<u64> {
     let Some(row) = branches::version_row(tx, version)? else {
-        return Err(Error::Usage {
-            message: format!("{}: there is no version {version}", store.dir().display()),
-            help: "give the number of a version that `clerestory status` lists".to_owned(),
-        });
+        return Err(store.no_such_version(version, "there is no version"));
     };
     let joined: Option<u64> = tx
         .query_row(
@@ -188,10 +185,7 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
         |r| Ok((r.get(0)?, r.get(1)?)),
     )?;
     if !is_kept {
-        return Err(Error::Usage {
-            message: format!("{}: gc has removed version {version}", store.dir().display()),
-            help: "go on from a version that is still kept".to_owned(),
-        });
+        return Err(store.no_such_version(version, "gc has removed version"));
     }
     if newest_of(tx, row.branch)?.id != version || hash.is_some_and(|hash| hash != settings.options_hash) {
         return open_branch(tx, version, settings);

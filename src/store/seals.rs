@@ -99,7 +99,11 @@ impl Ledger {
             let row = hash((2..call.len()).map(|i| Ok(call.get_raw(i))))?;
             let mut seals = own.0.lock().expect("nobody panics with it");
             let seal = &mut seals[call.get::<usize>(0)?];
-            if call.get::<i64>(1)? > 0 { seal.add(row) } else { seal.take(row) }
+            if call.get::<i64>(1)? > 0 {
+                seal.add(row)
+            } else {
+                seal.take(row)
+            }
             Ok(0)
         };
         let flags = FunctionFlags::SQLITE_UTF8 | FunctionFlags::SQLITE_INNOCUOUS;
@@ -131,9 +135,8 @@ impl Ledger {
     /// Puts what was counted into the seals, as the last thing before the transaction's end.
     pub(super) fn settle(&self, connection: &Connection) -> Result<()> {
         let counted = std::mem::take(&mut *self.0.lock().expect("nobody panics with it"));
-        let sql = format!(
-            "UPDATE seals SET row_count = row_count + ?2, row_sum = (row_sum + ?3) & {MASK} WHERE name = ?1"
-        );
+        let sql =
+            format!("UPDATE seals SET row_count = row_count + ?2, row_sum = (row_sum + ?3) & {MASK} WHERE name = ?1");
         let mut put = connection.prepare_cached(&sql)?;
         for (table, change) in SEALED.iter().zip(counted).filter(|(_, change)| *change != Seal::default()) {
             put.execute((table, change.rows, change.sum))?;

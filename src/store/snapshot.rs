@@ -65,10 +65,10 @@ impl Lineage {
             let row: Option<(u64, Option<u64>, bool)> =
                 find.query_row([newest], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?))).optional()?;
             let Some((branch, base, kept)) = row else {
-                return Err(unknown(store, newest, "there is no version"));
+                return Err(store.no_such_version(newest, "there is no version"));
             };
             if newest == version && !kept {
-                return Err(unknown(store, newest, "gc has removed version"));
+                return Err(store.no_such_version(newest, "gc has removed version"));
             }
             chain.push((branch, newest));
             // Bases are older: the walk ends.
@@ -83,16 +83,21 @@ impl Lineage {
     }
 }
 
-fn unknown(store: &Store, version: u64, what: &str) -> Error {
-    let kept = store.kept_versions().unwrap_or_default();
-    let listed: Vec<String> = kept.iter().rev().take(LISTED).rev().map(u64::to_string).collect();
-    let more = if kept.len() > listed.len() { "..., " } else { "" };
-    Error::Usage {
-        message: format!("{}: {what} {version}", shown(store.dir())),
-        help: match listed.last() {
-            Some(newest) => format!("give one that is kept ({more}{}), as in `--version {newest}`", listed.join(", ")),
-            None => "leave out `--version`".to_owned(),
-        },
+impl Store {
+    /// The error of a version that can't be read, which names those that can.
+    pub(super) fn no_such_version(&self, version: u64, what: &str) -> Error {
+        let kept = self.kept_versions().unwrap_or_default();
+        let listed: Vec<String> = kept.iter().rev().take(LISTED).rev().map(u64::to_string).collect();
+        let more = if kept.len() > listed.len() { "..., " } else { "" };
+        Error::Usage {
+            message: format!("{}: {what} {version}", shown(self.dir())),
+            help: match listed.last() {
+                Some(newest) => {
+                    format!("give `--version {newest}`, or another that is kept: {more}{}", listed.join(", "))
+                }
+                None => "leave out `--version`".to_owned(),
+            },
+        }
     }
 }
 
