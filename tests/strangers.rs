@@ -284,6 +284,8 @@ fn a_damaged_or_newer_catalogue_gets_advice_that_works_when_it_is_typed() {
 #[test]
 fn what_check_says_to_do_next_does_it_whatever_the_stores_name() {
     let scene = Scene::new();
+    // The models are looked for where they were.
+    assert_eq!(scene.said(&["run", "rooms.obj", "--tolerance", "0.1", "--fresh"]).code, 0);
     let name = "my $(touch oops) 'house'.clr";
     std::fs::rename(scene.dir.path().join("rooms.clr"), scene.dir.path().join(name)).unwrap();
     let store = scene.dir.path().join(name);
@@ -311,7 +313,7 @@ fn mixed(seed: u64) -> u64 {
 
 /// How many extents are tampered with; more with `CLERESTORY_TAMPERED`.
 fn tampered() -> u64 {
-    std::env::var("CLERESTORY_TAMPERED").ok().and_then(|n| n.parse().ok()).unwrap_or(48)
+    std::env::var("CLERESTORY_TAMPERED").ok().and_then(|n| n.parse().ok()).unwrap_or(16)
 }
 
 #[test]
@@ -328,9 +330,13 @@ fn extents_tampered_with_behind_right_checksums_are_damage_or_numbers_but_never_
         ("clusters", "provenance_"),
     ];
     let scene = Scene::new();
-    for seed in 0..tampered() {
+    // The first of them once led partition to a cluster that is not there.
+    for seed in 354..354 + tampered() {
         let (table, kind) = TABLES[(seed % 8) as usize];
-        let row = format!("FROM {table} JOIN segments s ON s.id = {kind}segment ORDER BY random() LIMIT 1");
+        let count: u64 = scene.ask(&format!("SELECT count(*) FROM {table}"));
+        let nth = mixed(seed + 4000) % count;
+        let row =
+            format!("FROM {table} JOIN segments s ON s.id = {kind}segment ORDER BY {kind}offset LIMIT 1 OFFSET {nth}");
         let columns = format!("file || ' ' || {kind}offset || ' ' || {kind}bytes");
         let place: String = scene.ask(&format!("SELECT {columns} {row}"));
         let words: Vec<&str> = place.split(' ').collect();

@@ -7,7 +7,7 @@ use super::origin::{BakeCorner, PatchSource};
 use super::rays::{ClusterRaysView, TopRaysView, hierarchy};
 use super::visibility::VisibilityView;
 use super::{Arrays, ExtentKind};
-use crate::base::NodeName;
+use crate::base::{ClusterId, NodeKind, NodeName};
 
 /// Rounding of stored factors and sums.
 const ROW_SUM_SLACK: f64 = 1e-3;
@@ -19,6 +19,33 @@ fn ascending<T: PartialOrd>(items: impl IntoIterator<Item = T>) -> bool {
         let rises = last < item;
         last = item;
         rises
+    })
+}
+
+/// Whether a name is one that a node of a cluster with so many patches can have: no index in it leads outside.
+fn is_name(name: NodeName, patches: u32) -> bool {
+    match name.kind() {
+        Some(NodeKind::Element) => {
+            // A leading 1, then two bits a level.
+            let path = name.path();
+            u32::from(name.patch_side().patch) < patches && path != 0 && path.ilog2() % 2 == 0
+        }
+        Some(NodeKind::Sector) => name.sector_digit() < 6 && name.tree_node() < patches.saturating_mul(2),
+        Some(NodeKind::Pseudo) | None => false,
+    }
+}
+
+/// Whether all names are of nodes that clusters can have, or the escape; quick where neighbours are of one cluster.
+fn are_names(names: &[u64], patches_of: &dyn Fn(u32) -> Option<u32>) -> bool {
+    let mut last = (ClusterId::PSEUDO, None);
+    names.iter().map(|&name| NodeName(name)).all(|name| {
+        if name == NodeName::ESCAPE {
+            return true;
+        }
+        if last.0 != name.cluster() {
+            last = (name.cluster(), patches_of(name.cluster().0));
+        }
+        last.1.is_some_and(|patches| is_name(name, patches))
     })
 }
 
@@ -101,6 +128,7 @@ pub fn light(payload: &[u8], cluster: u32, patches: usize) -> Result<(), String>
         ensure(depth == 0 || level.len() % 4 == 0, || format!("level {depth} has an element without its siblings"))?;
         for element in level {
             let name = NodeName(element.name);
+            ensure(is_name(name, patches as u32), || format!("{name:?} is no name of its cluster"))?;
             let at_home = name.cluster().0 == cluster && name.depth() == depth;
             ensure(at_home, || format!("{name:?} does not belong on level {depth}"))?;
             ensure(name.parent().is_none_or(|p| view.find(p).is_some()), || format!("{name:?} has no parent"))?;
@@ -109,6 +137,9 @@ pub fn light(payload: &[u8], cluster: u32, patches: usize) -> Result<(), String>
         }
     }
     for sector in view.sectors {
+        let name = NodeName(sector.name);
+        let at_home = name.is_sector() && name.cluster().0 == cluster && is_name(name, patches as u32);
+        ensure(at_home, || format!("{name:?} is no sector node of its cluster"))?;
         let mut values = sector.radiosity.iter().chain(&sector.irradiance).chain([&sector.spread]);
         ensure(values.all(|x| x.is_finite() && *x >= 0.0), || format!("{:?} is not finite", NodeName(sector.name)))?;
     }
@@ -116,13 +147,13 @@ pub fn light(payload: &[u8], cluster: u32, patches: usize) -> Result<(), String>
 }
 
 /// Rows and dictionary in order, form factors within 0..=1, row sums after closing at most 1.
-pub fn links(payload: &[u8], cluster: u32) -> Result<(), String> {
+pub fn links(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u32>) -> Result<(), String> {
     let view = LinksView::parse(payload)?;
     let own = view.receivers.iter().all(|&r| NodeName(r).cluster().0 == cluster);
+    let own = own && are_names(view.receivers, patches_of);
     ensure(own && ascending(view.receivers), || "receivers are foreign or out of order".to_owned())?;
     ensure(ascending(view.sources), || "the dictionary of sources is out of order".to_owned())?;
-    let known = view.sources.iter().all(|&s| NodeName(s).kind().is_some());
-    ensure(known, || "the dictionary holds a name of no kind".to_owned())?;
+    ensure(are_names(view.sources, patches_of), || "the dictionary holds a name of no node".to_owned())?;
     let fractions = view.form_factor.iter().all(|f| (0.0..=1.0).contains(f));
     ensure(fractions, || "a form factor lies outside 0..=1".to_owned())?;
     let is_error = |x: &f32| x.is_finite() && *x >= 0.0;
@@ -132,6 +163,9 @@ pub fn links(payload: &[u8], cluster: u32) -> Result<(), String> {
     ensure(errors, || "a spread or uncertainty is not a number".to_owned())?;
     ensure(ascending(view.closure.iter().map(|c| c.leaf)), || "closed rows are out of order".to_owned())?;
     for row in view.closure {
+        let leaf = NodeName(row.leaf);
+        let own = leaf.cluster().0 == cluster && !leaf.is_sector() && are_names(&[row.leaf], patches_of);
+        ensure(own, || format!("a closed row is that of {leaf:?}"))?;
         let sum = f64::from(row.closed_sum) + f64::from(row.escape);
         ensure((0.0..=1.0 + ROW_SUM_SLACK).contains(&sum), || {
             format!("the row of {:?} sums to {sum}", NodeName(row.leaf))
@@ -141,8 +175,10 @@ pub fn links(payload: &[u8], cluster: u32) -> Result<(), String> {
 }
 
 /// Clusters in order, form factors within 0..=1.
-pub fn visibility(payload: &[u8]) -> Result<(), String> {
+pub fn visibility(payload: &[u8], patches_of: &dyn Fn(u32) -> Option<u32>) -> Result<(), String> {
     let view = VisibilityView::parse(payload)?;
+    let known = view.clusters.iter().all(|c| patches_of(c.cluster).is_some());
+    ensure(known, || "it lists a cluster that is not there".to_owned())?;
     ensure(ascending(view.clusters.iter().map(|c| c.cluster)), || "clusters are out of order".to_owned())?;
     let fractions = view.clusters.iter().all(|c| (0.0..=1.0).contains(&c.form_factor));
     ensure(fractions, || "a form factor lies outside 0..=1".to_owned())
@@ -171,16 +207,22 @@ pub fn rays_top(payload: &[u8]) -> Result<(), String> {
     ensure(ascending(met), || "a cluster is met twice".to_owned())
 }
 
-/// What must be true of an extent of a kind; `patches`: how many its cluster has.
-pub fn of(kind: ExtentKind, payload: &[u8], cluster: u32, patches: usize) -> Result<(), String> {
+/// What must be true of an extent of a kind; `patches_of` says how many patches a cluster has, if it is there.
+pub fn of(
+    kind: ExtentKind,
+    payload: &[u8],
+    cluster: u32,
+    patches_of: &dyn Fn(u32) -> Option<u32>,
+) -> Result<(), String> {
+    let patches = patches_of(cluster).ok_or_else(|| format!("there is no cluster {cluster}"))? as usize;
     match kind {
         ExtentKind::Geometry => {
             let own = GeometryView::parse(payload)?.patches.len();
             ensure(own == patches, || format!("{own} patches where the catalogue says {patches}"))?;
             geometry(payload, cluster)
         }
-        ExtentKind::Visibility => visibility(payload),
-        ExtentKind::Links => links(payload, cluster),
+        ExtentKind::Visibility => visibility(payload, patches_of),
+        ExtentKind::Links => links(payload, cluster, patches_of),
         ExtentKind::Materials => materials(payload, patches),
         ExtentKind::Radiosity => light(payload, cluster, patches),
         ExtentKind::Rays => rays(payload, patches),

@@ -308,6 +308,7 @@ impl Store {
             self.ledger()?.clear();
             Ok(seals::renew(tx)?)
         })?;
+        self.mappings.borrow_mut().clear();
         self.drop_unreferenced_segments()?;
         Ok(())
     }

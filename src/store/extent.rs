@@ -106,11 +106,17 @@ impl Extent {
 pub(super) struct Mappings {
     maps: LruCache<u32, (Arc<Mapping>, Arc<PathBuf>)>,
     checked: LruCache<(u32, u64), ()>,
+    /// Patches of clusters, which never change.
+    patches: LruCache<u32, u32>,
 }
 
 impl Mappings {
     pub(super) fn new() -> Self {
-        Self { maps: LruCache::new(MAPPED_FILES), checked: LruCache::new(CHECKED_EXTENTS) }
+        Self {
+            maps: LruCache::new(MAPPED_FILES),
+            checked: LruCache::new(CHECKED_EXTENTS),
+            patches: LruCache::new(CHECKED_EXTENTS),
+        }
     }
 
     /// Whether what lies at a place (segment, byte) has been checked lately.
@@ -127,6 +133,7 @@ impl Mappings {
     pub(super) fn clear(&mut self) {
         self.maps.clear();
         self.checked.clear();
+        self.patches.clear();
     }
 }
 
@@ -195,21 +202,28 @@ impl Store {
     /// Whether a right checksum covers something that may be walked through.
     fn believe(&self, kind: ExtentKind, extent: &Extent) -> Result<()> {
         let cluster = extent.header.cluster;
+        // What can't be asked is not there.
+        let patches_of = |cluster| self.patches_of(cluster).unwrap_or_default();
         let verdict = match (kind, cluster) {
             (ExtentKind::Rays, TOP) => invariants::rays_top(extent.payload()),
-            _ => match self.patches_of(cluster)? {
-                Some(patches) => invariants::of(kind, extent.payload(), cluster, patches as usize),
-                // Nobody can ask for it by name.
-                None => Ok(()),
-            },
+            // Nobody can ask for it by name.
+            _ if patches_of(cluster).is_none() => Ok(()),
+            _ => invariants::of(kind, extent.payload(), cluster, &patches_of),
         };
         verdict.map_err(|detail| extent.damage(detail))
     }
 
     /// Patches of a cluster, by the catalogue.
     pub(super) fn patches_of(&self, cluster: u32) -> Result<Option<u32>> {
+        if let Some(patches) = self.mappings.borrow_mut().patches.get(&cluster) {
+            return Ok(Some(*patches));
+        }
         let mut query = self.connection().prepare_cached("SELECT patches FROM clusters WHERE id = ?1")?;
-        Ok(query.query_row([cluster], |row| row.get(0)).optional()?)
+        let patches = query.query_row([cluster], |row| row.get(0)).optional()?;
+        if let Some(patches) = patches {
+            self.mappings.borrow_mut().patches.put(cluster, patches);
+        }
+        Ok(patches)
     }
 
     /// Like [`Store::extent`], but checked afresh, for `check`.
