@@ -114,7 +114,9 @@ pub fn all() -> Vec<Target> {
         extent("materials", corpus::materials(), |bytes| aligned(bytes, |b| invariants::materials(b, 2).is_ok())),
         extent("light", corpus::light(), read_light),
         extent("links", corpus::links(), read_links),
-        extent("visibility", corpus::visibility(), |bytes| aligned(bytes, |b| invariants::visibility(b).is_ok())),
+        extent("visibility", corpus::visibility(), |bytes| {
+            aligned(bytes, |b| invariants::visibility(b, &|_| Some(64)).is_ok())
+        }),
         extent("rays", corpus::rays(), |bytes| aligned(bytes, |b| invariants::rays(b, 2).is_ok())),
         extent("top-rays", corpus::top_rays(), read_top_rays),
         extent("provenance", corpus::provenance(), |bytes| aligned(bytes, |b| invariants::provenance(b, 2).is_ok())),
@@ -220,7 +222,7 @@ fn read_links(bytes: &[u8]) -> bool {
                 assert!(view.sources.get(index_of(view.packed[link])).is_some(), "{:?}", class_of(view.packed[link]));
             }
         }
-        invariants::links(bytes, 7).is_ok()
+        invariants::links(bytes, 7, &|_| Some(64)).is_ok()
     })
 }
 
