@@ -49,6 +49,9 @@ CREATE TABLE settings (
     PRIMARY KEY (stage, name)
 ) STRICT, WITHOUT ROWID;
 
+-- Paths and names are bytes, here as text: UTF-8 as it is, other bytes as \xe9, control characters as
+-- \u{1b}, and a backslash doubled, so that different bytes are different text (src/base/text.rs).
+
 CREATE TABLE input_files (
     id INTEGER PRIMARY KEY,
     path TEXT NOT NULL,

@@ -150,10 +150,10 @@ impl NodeName {
         (self.0 & ((1 << PATH_BITS) - 1)) as u32
     }
 
-    /// Levels below the root, 0 for the root.
+    /// Levels below the root, 0 for the root; 31, where nothing is, for path 0, which no element has.
     #[must_use]
     pub fn depth(self) -> u32 {
-        (31 - self.path().leading_zeros()) / 2
+        (31 ^ self.path().leading_zeros()) / 2
     }
 
     /// The element one level up; `None` for a root.

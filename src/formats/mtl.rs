@@ -85,7 +85,7 @@ impl Colour {
     /// A number as it is used. Reflectances over 1 are the caller's: what is used counts there.
     fn possible(self, x: f64) -> f64 {
         match self {
-            Self::Kd if !x.is_finite() => DEFAULT_KD[0],
+            Self::Kd if !(x as f32).is_finite() => DEFAULT_KD[0],
             Self::Ke if !x.is_finite() || x > LARGEST_KE => 0.0,
             _ => x.max(0.0),
         }
@@ -259,8 +259,8 @@ mod tests {
 
     #[test]
     fn numbers_that_cannot_be_are_corrected_and_named_with_their_line() {
-        assert_eq!(colours("Kd nan 0.2 -1\nKe 1e400 -1 2"), ([0.5, 0.2, 0.0], [0.0, 0.0, 2.0]));
-        assert_eq!(colours("Ke nan"), (DEFAULT_KD, [0.0; 3]));
+        assert_eq!(colours("Kd 1e39 0.2 -1\nKe 1e400 -1 2"), ([0.5, 0.2, 0.0], [0.0, 0.0, 2.0]));
+        assert_eq!(colours("Kd nan\nKe nan"), (DEFAULT_KD, [0.0; 3]));
         assert_eq!(colours("Ke 1e39 inf 1.#IND"), (DEFAULT_KD, [0.0; 3]));
         let library = read_text(b"newmtl l\x1b\nKe -1\nKe 1e400\nKe 3").unwrap();
         assert_eq!(library.corrected, 2);

@@ -90,11 +90,16 @@ impl<R: Read> PointReader<R> {
                     None => return Ok(None),
                 },
             };
-            let is_comment = cells.first().is_some_and(|c| c.starts_with(b"#"));
-            if !is_comment && cells.iter().any(|c| !c.is_empty()) {
+            if !self.is_comment(&cells) && cells.iter().any(|c| !c.is_empty()) {
                 return Ok(Some(cells));
             }
         }
+    }
+
+    /// Whether a row begins with `#`, and not because its first column holds names like `#1`.
+    fn is_comment(&self, cells: &[Vec<u8>]) -> bool {
+        let is_row = |l: &Layout| l.has_header && !l.columns.contains(&0) && cells.len() == l.cells;
+        cells.first().is_some_and(|c| c.starts_with(b"#")) && !self.layout.as_ref().is_some_and(is_row)
     }
 
     /// Tells from the first line that holds anything how the file is written. `None`: ask again.
@@ -128,7 +133,6 @@ impl<R: Read> PointReader<R> {
             .has_headers(false)
             .flexible(true)
             .delimiter(delimiter)
-            .comment(Some(b'#'))
             .terminator(csv::Terminator::Any(b'\n'))
             .from_reader(rest);
         self.rows = Rows::Csv(Box::new(reader), before);
@@ -186,7 +190,7 @@ impl<R: Read> PointReader<R> {
             let cell = cell.ok_or_else(|| self.fault(&format!("no value for `{name}`"), HELP))?;
             let parsed = std::str::from_utf8(cell).ok().and_then(|c| c.parse().ok());
             *number = parsed.ok_or_else(|| {
-                let help = if cell.iter().any(|b| b",;".contains(b)) { COMMAS } else { HELP };
+                let help = if cell.iter().any(|b| b",; \t".contains(b)) { COMMAS } else { HELP };
                 self.fault(&format!("`{}` is no number for `{name}`", shown_name(cell)), help)
             })?;
             if !number.is_finite() {
@@ -270,6 +274,8 @@ mod tests {
             "x,y,z,nx,ny,nz\n1.5,2.5,0,0,0,1\n,,,,,\n-3,0.25,10,0,0,-2,\n",
             "NZ, X ,\"Y\",Z,Nx,nY\n1,1.5,2.5,0,0,0\n\n-2,-3,0.25,10,0,0\n",
             "name,x,y,z,nx,ny,nz\n\"Desk 0, \"\"A\"\"\nby the door\",1.5,2.5,0,0,0,1\nDesk 5\" B,-3,0.25,10,0,0,-2\n",
+            "no,x,y,z,nx,ny,nz\n# left out, so far\n#1,1.5,2.5,0,0,0,1\n#2,-3,0.25,10,0,0,-2\n",
+            "x,y,z,nx,ny,nz\n#1,2,3,0,0,1\n1.5,2.5,0,0,0,1\n-3,0.25,10,0,0,-2\n",
             "x y z nx ny nz\n1.5 2.5 0 0 0 1\n-3 0.25 10 0 0 -2",
             "room no\tx\ty\tz\tnx\tny\tnz\nA 1\t1.5\t2.5\t0\t0\t0\t1\n\t-3\t0.25\t10\t0\t0\t-2\n",
         ] {
@@ -301,7 +307,8 @@ mod tests {
             ("x;y;z;nx;ny;nz\n", "p.csv:1: cells are separated by semicolons / separate cells by commas"),
             ("0,5;1,5;0;0;0;1\n", "p.csv:1: `5;1` is no number for `y` / separate cells by commas"),
             ("x,y,z,nx,ny,nz\n\"0,5\",1,2,0,0,1\n", "p.csv:2: `0,5` is no number for `x` / separate cells by commas"),
-            ("1,5 2,5 0 0 0 1\n", "p.csv:1: `5 2` is no number for `y`"),
+            ("1,5 2,5 0 0 0 1\n", "p.csv:1: `5 2` is no number for `y` / separate cells by commas"),
+            ("0,5\t1,5\t0\t0\t0\t1\n", "p.csv:1: `5\\u{9}1` is no number for `y` / separate cells by commas"),
             ("x,y,z,nx,ny,nz,name\n1,2,3,0,0,1,\"Desk\n4,5,6,0,0,1,b\n", "p.csv:2: a quote begins here"),
             ("1 2 3 0 0 0", "p.csv:1: the normal is 0"),
             ("1 2 inf 0 0 1", "p.csv:1: `inf` is not finite"),

@@ -79,11 +79,14 @@ impl<'a> LightView<'a> {
         Ok(view)
     }
 
-    /// The elements of one depth.
+    /// The elements of one depth; none below the greatest, whatever a damaged name says.
     #[must_use]
     pub fn level(&self, depth: u32) -> &'a [ElementLight] {
-        let starts = &self.head.level_start;
-        &self.elements[starts[depth as usize] as usize..starts[depth as usize + 1] as usize]
+        let depth = depth as usize;
+        match self.head.level_start.get(depth..depth + 2) {
+            Some(ends) => &self.elements[ends[0] as usize..ends[1] as usize],
+            None => &[],
+        }
     }
 
     /// The element of that name, if stored.
@@ -113,5 +116,30 @@ impl<'a> LightView<'a> {
     #[must_use]
     pub fn has_children(&self, name: NodeName) -> bool {
         name.depth() < MAX_DEPTH && self.find(name.child(0)).is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{ClusterId, PatchSide};
+    use crate::model::layout::ArraysBuilder;
+
+    #[test]
+    fn a_name_that_no_element_has_is_found_nowhere() {
+        let root = NodeName::root(ClusterId(7), PatchSide::from_index(0));
+        let head =
+            LightHead { channels: 3, level_start: std::array::from_fn(|i| u32::from(i > 0)), ..LightHead::zeroed() };
+        let element = ElementLight { name: root.0, ..ElementLight::zeroed() };
+        let payload = ArraysBuilder::default().with(&[head]).with::<SectorLight>(&[]).with(&[element]).finish();
+        let mut words = vec![0u128; payload.len().div_ceil(16)];
+        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(&payload);
+        let view = LightView::parse(&bytemuck::cast_slice(&words)[..payload.len()]).unwrap();
+        assert!(view.find(root).is_some());
+        // No path at all, and one level more than there can be.
+        for name in [NodeName(root.0 - 1), NodeName((root.0 - 1) | 1 << 28)] {
+            assert!(name.depth() >= MAX_DEPTH, "{}", name.depth());
+            assert!(view.find(name).is_none() && !view.has_children(name), "{name:?}");
+        }
     }
 }

@@ -5,6 +5,7 @@
 
 use serde::Serialize;
 
+use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
@@ -134,7 +135,7 @@ pub fn plan(store: &Store, _options: &Options) -> Result<Plan> {
     let missing_row = || Error::damaged(store.dir(), format!("branch {number} has no row"));
     let branch = store.branch(number)?.ok_or_else(missing_row)?;
     let base = store.newest_of_branch(number)?;
-    let dir = store.dir().display();
+    let dir = for_shell(store.dir());
     let refuse = |message: String| Error::StageMissing {
         message: format!("{dir}: {message}"),
         help: format!("run `clerestory solve-group {dir} --until-done`, then merge again"),
@@ -213,7 +214,7 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
     let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), format!("version {end} is missing")))?;
     let f = store.version_figures(end)?;
     let converged = row.converged && row.branch == branch;
-    let dir = store.dir().display();
+    let dir = for_shell(store.dir());
     let next = if converged {
         format!("clerestory render {dir} -o picture.png")
     } else {

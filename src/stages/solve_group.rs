@@ -8,6 +8,7 @@ use super::group_solver::{GroupSolver, Settings};
 use super::ray_scene::with_scene;
 use super::tolerances;
 use super::working_set::WorkingSet;
+use crate::base::text::shown;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
 use crate::model::light::ElementLight;
@@ -156,7 +157,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
         && u64::from(group) >= groups
     {
         return Err(Error::Usage {
-            message: format!("{}: there is no group {group} among {groups}", store.dir().display()),
+            message: format!("{}: there is no group {group} among {groups}", shown(store.dir())),
             help: format!("give a number below {groups}, or `--next`"),
         });
     }

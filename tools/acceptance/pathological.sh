@@ -11,8 +11,7 @@ while IFS= read -r model; do
     case $code in
     0) "$clerestory" check "$work/s.clr" -q && echo "pass  $name" || { echo "FAIL  $name: check"; failed=1; } ;;
     1)
-        stem=$(basename "$model" .obj)
-        if [[ $said == *"$stem."* ]] && grep -q '^help: ' "$work/err" && [ ! -e "$work/s.clr" ]; then
+        if [[ $said == *"$(basename "$model")"* ]] && grep -q '^help: ' "$work/err" && [ ! -e "$work/s.clr" ]; then
             echo "pass  $name: $said"
         else
             echo "FAIL  $name: exit 1: $said"

@@ -169,8 +169,12 @@ fn read_text(bytes: &[u8]) -> bool {
 fn read_polygon(bytes: &[u8]) -> bool {
     let numbers: Vec<f64> =
         bytes.chunks_exact(4).map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]))).collect();
-    let points: Vec<DVec3> =
-        numbers.chunks_exact(3).map(DVec3::from_slice).filter(|p| p.abs().max_element() < 1e9).collect();
+    // Ingest takes nothing else.
+    let points: Vec<DVec3> = numbers
+        .chunks_exact(3)
+        .map(DVec3::from_slice)
+        .filter(|p| p.is_finite() && p.abs().max_element() < 1e9)
+        .collect();
     if points.len() < 3 {
         return false;
     }
