@@ -70,6 +70,42 @@ fn names_that_differ_in_one_byte_that_is_no_text_are_different_materials() {
 }
 
 #[test]
+fn the_catalogue_keeps_names_and_paths_so_that_different_bytes_stay_different() {
+    let dir = tempfile::tempdir().unwrap();
+    let faces = ["f 1 2 3 4\n", "f 5 8 7 6\n", "f 1 5 6 2\n"];
+    let names: [&[u8]; 3] = [b"caf\xe9", b"caf\xe8", br"caf\xe9"];
+    let mut obj = b"v 0 0 0\nv 4 0 0\nv 4 3 0\nv 0 3 0\nv 0 0 2.6\nv 4 0 2.6\nv 4 3 2.6\nv 0 3 2.6\n".to_vec();
+    for (name, face) in names.iter().zip(faces) {
+        obj.extend_from_slice(&[b"o ", *name, b"\n", face.as_bytes()].concat());
+    }
+    let model = write(dir.path(), OsStr::from_bytes(b"m\xe9.obj"), obj);
+    let out = clerestory(dir.path(), [OsStr::new("ingest"), OsStr::new("s.clr"), model.as_os_str()]);
+    assert_eq!(out.status.code(), Some(0), "{}", said(&out));
+    let catalogue = rusqlite::Connection::open(dir.path().join("s.clr/scene.sqlite")).unwrap();
+    let texts = |sql: &str| -> Vec<String> {
+        catalogue.prepare(sql).unwrap().query_map([], |r| r.get(0)).unwrap().map(Result::unwrap).collect()
+    };
+    let stored = texts("SELECT name FROM objects ORDER BY id");
+    assert_eq!(stored, [r"caf\xe9", r"caf\xe8", r"caf\\xe9"]);
+    assert!(texts("SELECT path FROM input_files")[0].ends_with(r"/m\xe9.obj"));
+}
+
+#[test]
+fn an_index_beyond_every_file_costs_its_face_alone_and_names_its_line() {
+    let dir = tempfile::tempdir().unwrap();
+    plain(dir.path());
+    let mut obj = room(b"plain.mtl", PLAIN);
+    let line = obj.split(|b| *b == b'\n').count();
+    obj.extend_from_slice(b"f 1 2 99999999999\nf 1 2 4294967297\nf 1/99999999999/1 2 3\nf 1 2 99999999999999999999\n");
+    write(dir.path(), "far.obj", obj);
+    let out = clerestory(dir.path(), ["ingest", "s.clr", "far.obj", "--json"]);
+    assert_eq!(out.status.code(), Some(0), "{}", said(&out));
+    let summary: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((&summary["skipped"]["bad_face"], &summary["patches"]), (&4.into(), &6.into()));
+    assert!(said(&out).contains(&format!("4 faces skipped, first far.obj:{line}: ")), "{}", said(&out));
+}
+
+#[test]
 fn every_end_of_a_line_gives_the_same_model() {
     let dir = tempfile::tempdir().unwrap();
     let expected = plain(dir.path());
@@ -311,4 +347,13 @@ fn a_reader_of_points_that_goes_away_ends_the_sampling() {
     assert_eq!(lines[3], "0", "exit code");
     assert_eq!(std::fs::read_to_string(dir.path().join("said")).unwrap(), "");
     assert!(started.elapsed() < Duration::from_secs(30), "{:?}", started.elapsed());
+    for verb in ["render plain.clr --size 640x480 -o -", "export plain.clr -o -"] {
+        let script = format!(
+            "'{}' {verb} 2>said | head -c 9 >/dev/null; echo ${{PIPESTATUS[0]}}",
+            env!("CARGO_BIN_EXE_clerestory")
+        );
+        let out = Command::new("bash").args(["-c", &script]).current_dir(dir.path()).output().unwrap();
+        let said = std::fs::read_to_string(dir.path().join("said")).unwrap();
+        assert_eq!(String::from_utf8(out.stdout).unwrap().trim(), "0", "{verb}: {said}");
+    }
 }

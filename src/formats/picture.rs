@@ -10,10 +10,18 @@ pub fn write_png(pixels: &[u8], (width, height): (u32, u32), tone_map: &str, out
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
-    encoder.add_text_chunk("Tone map".to_owned(), tone_map.to_owned()).map_err(io::Error::other)?;
-    let mut writer = encoder.write_header().map_err(io::Error::other)?;
-    writer.write_image_data(pixels).map_err(io::Error::other)?;
-    writer.finish().map_err(io::Error::other)
+    encoder.add_text_chunk("Tone map".to_owned(), tone_map.to_owned()).map_err(io_error)?;
+    let mut writer = encoder.write_header().map_err(io_error)?;
+    writer.write_image_data(pixels).map_err(io_error)?;
+    writer.finish().map_err(io_error)
+}
+
+/// What the output said, as it said it: whether a pipe broke is for the caller.
+fn io_error(error: png::EncodingError) -> io::Error {
+    match error {
+        png::EncodingError::IoError(error) => error,
+        other => io::Error::other(other),
+    }
 }
 
 /// Writes a Radiance picture of radiance, W/(m2 sr); `lines` go into its header, like `VIEW=...`.

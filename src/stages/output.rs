@@ -53,7 +53,7 @@ impl Output {
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(format!(".part-{}", std::process::id()));
         let part = path.with_file_name(name);
-        let file = File::create(&part).map_err(|e| Error::io(&part, &e))?;
+        let file = File::create(&part).map_err(|e| Error::io(path, &e))?;
         let target = Target::File { file: BufWriter::with_capacity(256 << 10, file), part, path: path.to_path_buf() };
         Ok(Self { target, finished: false })
     }

@@ -95,6 +95,9 @@ fn resolve<'a>(folder: &Path, line: &'a [u8]) -> Result<Vec<Name<'a>>> {
             }
         }
     }
+    // What looks like a comment behind names, and is no file, is one.
+    let comment = names.iter().position(|n| n.path.is_none() && n.written.starts_with(b"#")).filter(|at| *at > 0);
+    names.truncate(comment.unwrap_or(names.len()));
     Ok(names)
 }
 
@@ -107,7 +110,8 @@ fn words(line: &[u8]) -> Vec<std::ops::Range<usize>> {
             at += 1;
             continue;
         }
-        let closing = (line[at] == b'"').then(|| line[at + 1..].iter().position(|b| *b == b'"')).flatten();
+        let quote = line[at];
+        let closing = QUOTES.contains(&quote).then(|| line[at + 1..].iter().position(|b| *b == quote)).flatten();
         let blank = || line[at..].iter().position(u8::is_ascii_whitespace);
         let end = closing.map_or_else(|| blank().map_or(line.len(), |n| at + n), |n| at + n + 2);
         words.push(at..end);
@@ -116,12 +120,20 @@ fn words(line: &[u8]) -> Vec<std::ops::Range<usize>> {
     words
 }
 
+const QUOTES: &[u8] = b"\"'";
+
 fn unquoted(name: &[u8]) -> &[u8] {
-    name.strip_prefix(b"\"").and_then(|n| n.strip_suffix(b"\"")).unwrap_or(name)
+    match name {
+        [first, inner @ .., last] if first == last && QUOTES.contains(first) => inner,
+        _ => name,
+    }
 }
 
 fn ends_a_name(text: &[u8]) -> bool {
-    let text = text.strip_suffix(b"\"").unwrap_or(text);
+    let text = match text {
+        [before @ .., last] if QUOTES.contains(last) => before,
+        _ => text,
+    };
     text.len() >= 4 && text[text.len() - 4..].eq_ignore_ascii_case(b".mtl")
 }
 
@@ -208,6 +220,7 @@ mod tests {
         assert_eq!(names("no such one c.mtl"), "!no such one|c.mtl");
         assert_eq!(names("my own.mtl"), "!my own.mtl");
         assert_eq!(names(".\\c.mtl"), "c.mtl");
+        assert_eq!(names("c.mtl # by hand"), "c.mtl");
         assert_eq!(names(""), "");
     }
 
@@ -217,6 +230,7 @@ mod tests {
         let names = |line| names(dir.path(), line);
         assert_eq!(names("\"floor 1.mtl\""), "floor 1.mtl");
         assert_eq!(names("\"floor 1.mtl\" c.mtl \"c.mtl\""), "floor 1.mtl|c.mtl|c.mtl");
+        assert_eq!(names("'floor 1.mtl' c.mtl"), "floor 1.mtl|c.mtl");
         assert_eq!(names("\"q\".mtl"), "\"q\".mtl");
         assert_eq!(names("\"c.mtl"), "!\"c.mtl");
     }

@@ -64,7 +64,11 @@ impl Skipped {
     /// Adds a face.
     pub fn add(&mut self, cause: Cause, source: Source, detail: &str) -> Result<()> {
         *self.counts.entry(cause.key()).or_default() += 1;
-        self.first.entry(cause.key()).or_insert_with(|| (source.file, source.line, detail.to_owned()));
+        // Passes follow each other: what comes first in the file need not come first here.
+        let first = self.first.entry(cause.key()).or_insert((u32::MAX, u32::MAX, String::new()));
+        if (source.file, source.line) < (first.0, first.1) {
+            *first = (source.file, source.line, detail.to_owned());
+        }
         let detail = detail.replace(['\n', '\r'], " ");
         writeln!(self.out, "{} {} {}: {detail}", source.file, source.line, cause.key())
             .map_err(|e| Error::io(&self.path, &e))
@@ -118,8 +122,8 @@ mod tests {
         let mut skipped = Skipped::create(dir.path()).unwrap();
         let at = |line| Source { file: 0, line, face: 0 };
         skipped.add(Cause::BadFace, at(7), "face uses vertex 88 but only 80 are defined").unwrap();
+        skipped.add(Cause::Degenerate, at(11), "face has no area at all").unwrap();
         skipped.add(Cause::Degenerate, at(9), "face has no area").unwrap();
-        skipped.add(Cause::Degenerate, at(11), "face has no area").unwrap();
         assert_eq!(skipped.counts()["degenerate"], 2);
         let mut seen = Vec::new();
         skipped
