@@ -199,6 +199,41 @@ fn locks_and_catalogues_that_are_links_or_pipes_are_refused_and_nothing_hangs() 
 }
 
 #[test]
+fn files_that_a_stranger_laid_where_we_are_going_to_write_are_not_written_through() {
+    let scene = Scene::new();
+    let victim = scene.dir.path().join("victim");
+    let last: u64 = scene.ask("SELECT seq FROM sqlite_sequence WHERE name = 'segments'");
+    let names = ["visibility", "update", "compact"].map(|purpose| format!("segments/{:06}-{purpose}.seg", last + 1));
+    for (i, name) in names.iter().map(String::as_str).chain(["visibility.spool", "reserve", "logs"]).enumerate() {
+        let _ = std::fs::remove_file(scene.path(name));
+        std::fs::write(&victim, vec![7; 100]).unwrap();
+        if i % 2 == 0 {
+            symlink(&victim, scene.path(name)).unwrap()
+        } else {
+            std::fs::hard_link(&victim, scene.path(name)).unwrap()
+        }
+    }
+    for args in [LOOK, &["partition", "rooms.clr"], &["solve-group", "rooms.clr", "--until-done"], GC] {
+        let said = scene.said(args);
+        assert!([0, 1, 12].contains(&said.code), "{args:?}: {}", said.err);
+        assert_eq!(std::fs::read(&victim).unwrap(), vec![7; 100], "{args:?}");
+    }
+}
+
+#[test]
+fn what_a_catalogue_brings_along_does_not_run() {
+    for sql in [
+        "CREATE TRIGGER t AFTER INSERT ON processes BEGIN DELETE FROM clusters; END",
+        "ALTER TABLE metrics RENAME TO numbers; CREATE VIEW metrics AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) SELECT i FROM n",
+    ] {
+        let scene = Scene::new();
+        scene.change(sql);
+        scene.all_find_damage(sql, &[CHECK, SAMPLE, GC]);
+        assert_eq!(scene.ask::<u64>("SELECT count(*) FROM clusters"), 3, "{sql}");
+    }
+}
+
+#[test]
 fn a_row_that_was_deleted_or_changed_is_found_by_check_and_by_who_reads_it() {
     let changes = [
         "DELETE FROM clusters WHERE id = 1",

@@ -28,7 +28,7 @@ fn is_name(name: NodeName, patches: u32) -> bool {
         Some(NodeKind::Element) => {
             // A leading 1, then two bits a level.
             let path = name.path();
-            u32::from(name.patch_side().patch) < patches && path != 0 && path.ilog2() % 2 == 0
+            u32::from(name.patch_side().patch) < patches && path != 0 && path.ilog2().is_multiple_of(2)
         }
         Some(NodeKind::Sector) => name.sector_digit() < 6 && name.tree_node() < patches.saturating_mul(2),
         Some(NodeKind::Pseudo) | None => false,

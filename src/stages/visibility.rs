@@ -98,7 +98,9 @@ fn look_and_list(plan: &Plan<'_>, progress: &dyn Progress, spool_path: &std::pat
     let store = plan.store;
     let io = |e: std::io::Error| Error::io(spool_path, &e);
     let figures = {
-        let mut spool = BufWriter::new(File::create(spool_path).map_err(io)?);
+        // What is there goes first, link or file: nothing is written through it.
+        let _ = std::fs::remove_file(spool_path);
+        let mut spool = BufWriter::new(File::create_new(spool_path).map_err(io)?);
         let figures = look(plan, progress, &mut |from, seen| {
             for (&to, &hits) in &seen.hits {
                 let form_factor = (hits as f64 / seen.rays.max(1) as f64) as f32;

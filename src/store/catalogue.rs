@@ -156,17 +156,18 @@ impl Store {
     fn prepare(&mut self, create: bool) -> Result<()> {
         self.connection.busy_timeout(self.wait)?;
         // In one statement: another process may be making the store.
-        let (version, ours, all): (usize, u32, u32) = self.connection.query_row(
+        let (version, ours, strange, all): (usize, u32, u32, u32) = self.connection.query_row(
             "SELECT (SELECT user_version FROM pragma_user_version),
-                    (SELECT count(*) FROM sqlite_schema WHERE name IN ('model', 'clusters', 'segments')),
+                    (SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name IN ('model', 'clusters', 'segments')),
+                    (SELECT count(*) FROM sqlite_schema WHERE type = 'trigger' OR (type = 'view' AND name NOT GLOB 'v_*')),
                     (SELECT count(*) FROM sqlite_schema)",
             [],
-            |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+            |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)),
         )?;
         if version > SCHEMA.len() {
             return Err(newer(&self.dir, version));
         }
-        if (version > 0 && ours < 3) || (version == 0 && all > 0) {
+        if (version > 0 && (ours < 3 || strange > 0)) || (version == 0 && all > 0) {
             let detail = "it is a database, but no catalogue of a store";
             return Err(if create {
                 folder::refused(&self.dir, detail)

@@ -39,9 +39,10 @@ impl SegmentWriter {
             let name = format!("{id:06}-{purpose}.seg");
             tx.execute("UPDATE segments SET file = ?1 WHERE id = ?2", (&name, id))?;
             let path = files::segment_path(store.dir(), &name)?;
-            // A file of that name can only be left from a creation that was killed before its commit.
-            let file = files::open(&path, For::Making)?;
-            file.set_len(0).map_err(|e| Error::io(&path, &e))?;
+            // A file of that name can only be left from a creation that was killed before its commit. It goes, rather
+            // than being written over: it may have another name somewhere.
+            let _ = std::fs::remove_file(&path);
+            let file = File::create_new(&path).map_err(|e| Error::io(&path, &e))?;
             if !locks::try_exclusive(&file, &path)? {
                 return Err(Error::damaged(&path, "another process writes a segment that has no row"));
             }
