@@ -406,6 +406,25 @@ mod tests {
     }
 
     #[test]
+    fn light_that_no_longer_changes_and_does_not_add_up_has_not_converged_and_says_so() {
+        for (absorbed_w, converged) in [(0.992, true), (0.98, false)] {
+            let dir = tempfile::tempdir().unwrap();
+            let store = fixture::store(dir.path(), 3);
+            fixture::partition(&store, 1);
+            let iteration = store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap();
+            let mut worker = Worker::start(&store).unwrap();
+            let lease = store.claim(&iteration, &worker, &mut fixture::first).unwrap().unwrap();
+            let (emitted_w, absorbed_w) = ([1.0; 3], [absorbed_w; 3]);
+            let report = TaskReport { complete: true, q_max: 0.5, emitted_w, absorbed_w, ..TaskReport::default() };
+            assert!(store.publish(&lease, &mut worker, &[], &report).unwrap());
+            let summary = merge(&store).unwrap();
+            assert_eq!((summary.converged, summary.residual), (converged, Some(0.0)));
+            let said = crate::stages::summary::Summary::shortfall(&summary);
+            assert_eq!(said.map(|e| e.exit_code()), (!converged).then_some(3));
+        }
+    }
+
+    #[test]
     fn replace_makes_a_version_of_each_update_and_sequential_goes_group_by_group() {
         for order in [UpdateOrder::Replace, UpdateOrder::Sequential] {
             let dir = tempfile::tempdir().unwrap();
