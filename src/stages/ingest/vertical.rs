@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::materials::Material;
 use crate::geom::split::area_vector;
 
-/// What all lamps looking down along an axis counts, as a logarithm of a ratio: as much as seven times the area.
+/// What all lamps looking one way along an axis (down; up where they are wound the wrong way) counts, as a logarithm of a ratio: as much as seven times the area.
 const LAMPS: f64 = 2.0;
 /// Logarithm of a ratio from which the vertical is sure: twice as much speaks for it as for the other.
 const SURE: f64 = 0.7;
@@ -40,9 +40,9 @@ impl Vertical {
     pub fn up(&self, size: DVec3) -> (char, bool) {
         let [_, y, z] = self.area_along;
         let ratio = |a: f64, b: f64| if a > 0.0 && b > 0.0 { (a / b).ln() } else { 0.0 };
-        let down = |axis: usize| if self.emitted > 0.0 { (-self.emission[axis] / self.emitted).max(0.0) } else { 0.0 };
+        let lamps_along = |axis: usize| if self.emitted > 0.0 { self.emission[axis].abs() / self.emitted } else { 0.0 };
         let area = if y == 0.0 || z == 0.0 { SURE * (f64::from(y > 0.0) - f64::from(z > 0.0)) } else { ratio(y, z) };
-        let for_y = area + ratio(size.z, size.y) + LAMPS * (down(1) - down(2));
+        let for_y = area + ratio(size.z, size.y) + LAMPS * (lamps_along(1) - lamps_along(2));
         match for_y.abs() >= SURE {
             true if for_y > 0.0 => ('y', true),
             is_sure => ('z', is_sure),
