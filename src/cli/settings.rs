@@ -249,7 +249,7 @@ impl Resolved {
             let Some(flag) = settable(arg) else { continue };
             let id = arg.get_id().as_str();
             let Ok(Some(raw)) = matches.try_get_raw(id) else { continue };
-            let value = raw.map(|v| v.to_string_lossy()).collect::<Vec<_>>().join(" ");
+            let value = raw.map(|v| v.to_str().map_or_else(|| shown(v), str::to_owned)).collect::<Vec<_>>().join(" ");
             let source = match matches.value_source(id) {
                 Some(ValueSource::CommandLine) => "flag",
                 _ => self.lower.get(&flag).map_or("default", |l| l.1),

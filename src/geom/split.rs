@@ -285,7 +285,6 @@ mod tests {
             .collect();
         let started = std::time::Instant::now();
         let pieces = split(&points, 1e-9);
-        println!("{:?}", started.elapsed());
         let expected = 0.5 * area_vector(&points).z;
         assert!((area(&points, &pieces) / expected - 1.0).abs() < 1e-9, "{} {expected}", area(&points, &pieces));
         assert!(started.elapsed().as_secs() < 60, "{:?}", started.elapsed());

@@ -68,8 +68,13 @@ fn main() -> ExitCode {
     watch(Instant::now(), options.seed);
     let mut panics = 0;
     let all = targets::all();
-    let chosen = all.iter().filter(|t| options.target.as_ref().is_none_or(|name| name == t.name));
-    for target in chosen {
+    let is_chosen = |t: &&Target| options.target.as_ref().is_none_or(|name| name == t.name);
+    if !all.iter().any(|t| is_chosen(&t)) {
+        let names: Vec<&str> = all.iter().map(|t| t.name).collect();
+        eprintln!("error: no such target; there are {}", names.join(", "));
+        return ExitCode::from(2);
+    }
+    for target in all.iter().filter(is_chosen) {
         panics += run(target, &options);
     }
     ExitCode::from(u8::from(panics > 0))
