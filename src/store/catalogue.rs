@@ -2,7 +2,6 @@
 
 use std::cell::{OnceCell, RefCell};
 use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,15 +12,11 @@ use super::connection::{self, Access};
 use super::extent::Mappings;
 use super::files::SEGMENTS;
 use super::locks::Joined;
+use super::schema::{self, FORMAT};
 use super::seals::Ledger;
 use super::sql::CATALOGUE;
 use super::{folder, locks, mounts, reserve, seals};
-use crate::base::text::for_shell;
 use crate::base::{Error, Result};
-
-/// The schema's versions, in order; `user_version` counts those applied.
-const SCHEMA: [&str; 2] = [include_str!("../../schema/0001_store.sql"), include_str!("../../schema/0002_seals.sql")];
-const VIEWS: &str = include_str!("../../schema/views.sql");
 
 /// Every table but `segments` (rows go with their files), `seals` and `processes`; referring ones first.
 const EMPTIED: [&str; 18] = [
@@ -45,8 +40,8 @@ const EMPTIED: [&str; 18] = [
     "model",
 ];
 
-/// Where SQLite keeps `user_version` in a database file.
-const USER_VERSION_AT: usize = 60;
+/// How often a folder is looked at again that goes while it is opened.
+const TRIES: u32 = 100;
 
 /// Most memory that SQLite's page cache takes, KiB.
 const PAGE_CACHE_KIB: i64 = 4096;
@@ -82,7 +77,7 @@ impl Store {
         let sound = |store: &Self| store.catalogue_damages().is_ok_and(|damages| damages.is_empty());
         match Self::create(dir, wait) {
             Ok(store) if sound(&store) => return Ok(store),
-            Err(error) if !matches!(error, Error::Damaged { .. }) || is_newer(dir) => return Err(error),
+            Err(error) if !matches!(error, Error::Damaged { .. }) || schema::is_newer(dir) => return Err(error),
             _ => {}
         }
         folder::set_catalogue_aside(dir, wait)?;
@@ -96,7 +91,7 @@ impl Store {
 
     fn enter(dir: &Path, wait: Duration, create: bool) -> Result<Self> {
         let catalogue = dir.join(CATALOGUE);
-        loop {
+        for _ in 0..TRIES {
             match catalogue.symlink_metadata() {
                 Ok(meta) if meta.is_file() => {}
                 Ok(_) => return Err(Error::damaged(&catalogue, "it is not a plain file")),
@@ -112,6 +107,7 @@ impl Store {
             }
             return Self::connect(dir, wait, create, access, readers);
         }
+        Err(Error::Busy { store: dir.to_path_buf(), holder: "processes that make it and take it away".to_owned() })
     }
 
     fn connect(dir: &Path, wait: Duration, create: bool, access: Access, readers: Option<Arc<File>>) -> Result<Self> {
@@ -121,7 +117,7 @@ impl Store {
             dir: dir.to_path_buf(),
             connection,
             access,
-            format: SCHEMA.len(),
+            format: FORMAT,
             ledger: OnceCell::new(),
             wait,
             mappings: RefCell::new(Mappings::new()),
@@ -143,7 +139,7 @@ impl Store {
             Ok(()) => Ok(store),
             Err(error) => Err(store.named(error)),
         };
-        opened().and_then(prepare).map_err(|error| complete(error, dir))
+        opened().and_then(prepare).map_err(|error| schema::complete(error, dir))
     }
 
     /// The first touch of a catalogue that will be worked on; whether it can be.
@@ -164,8 +160,8 @@ impl Store {
             [],
             |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)),
         )?;
-        if version > SCHEMA.len() {
-            return Err(newer(&self.dir, version));
+        if version > FORMAT {
+            return Err(schema::newer(&self.dir, version));
         }
         if (version > 0 && (ours < 3 || strange > 0)) || (version == 0 && all > 0) {
             let detail = "it is a database, but no catalogue of a store";
@@ -189,10 +185,10 @@ impl Store {
         self.connection.pragma_update(None, "journal_mode", "WAL")?;
         // Files are unlinked after the commit that forgets them: the commit must be on disk by then.
         self.connection.pragma_update(None, "synchronous", "FULL")?;
-        if version == SCHEMA.len() {
+        if version == FORMAT {
             return Ok(());
         }
-        self.transaction(apply_schema)
+        self.transaction(schema::apply)
     }
 
     /// The store's folder.
@@ -313,62 +309,6 @@ impl Store {
         self.drop_unreferenced_segments()?;
         Ok(())
     }
-}
-
-fn apply_schema(tx: &Transaction<'_>) -> Result<()> {
-    let version: usize = tx.pragma_query_value(None, "user_version", |r| r.get(0))?;
-    for sql in SCHEMA.iter().skip(version) {
-        tx.execute_batch(sql)?;
-    }
-    tx.execute_batch(VIEWS)?;
-    seals::renew(tx)?;
-    tx.pragma_update(None, "user_version", SCHEMA.len())?;
-    Ok(())
-}
-
-/// The error of a store that a newer version of the program made: nothing of it is touched.
-fn newer(dir: &Path, version: usize) -> Error {
-    let (reads, name) = (SCHEMA.len(), for_shell(dir));
-    let detail = format!("its format is {version}, this program reads up to {reads}: it was made by a newer version");
-    Error::damaged(&dir.join(CATALOGUE), detail)
-        .with_help_for_damage(|| format!("use the newer version of clerestory that made {name}, or name another store"))
-}
-
-/// Whether a catalogue says that a newer version made it, damaged or not. The number stands in the file's first
-/// page, and may be newer in its log.
-fn is_newer(dir: &Path) -> bool {
-    let path = dir.join(CATALOGUE);
-    let asked = || -> Option<usize> {
-        connection::to_read(&path, dir).ok()?.pragma_query_value(None, "user_version", |row| row.get(0)).ok()
-    };
-    let written = || {
-        let mut page = [0; 64];
-        File::open(&path).ok()?.read_exact_at(&mut page, 0).ok()?;
-        let number = page[USER_VERSION_AT..].first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize);
-        number.filter(|_| page.starts_with(b"SQLite format 3\0"))
-    };
-    asked().or_else(written).is_some_and(|version| version > SCHEMA.len())
-}
-
-/// Completes an error of opening: its path, and what to do where not even `check` can read the catalogue.
-fn complete(error: Error, dir: &Path) -> Error {
-    let name = for_shell(dir);
-    let path = dir.join(CATALOGUE);
-    let error = match error {
-        Error::Damaged { path: bare, detail, help } if bare.as_os_str() == CATALOGUE => {
-            Error::Damaged { path, detail, help }
-        }
-        Error::Failed { message, help } if message.starts_with(CATALOGUE) => {
-            Error::Failed { message: format!("{}/{message}", dir.display()), help }
-        }
-        Error::Busy { holder, .. } if holder.is_empty() => {
-            Error::Busy { store: dir.to_path_buf(), holder: "a process that writes to its catalogue".to_owned() }
-        }
-        other => other,
-    };
-    error.with_help_for_damage(|| {
-        format!("set it aside with `mv {name} {name}.damaged`, then run the command that made it again")
-    })
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ mod old_versions;
 pub mod partition_rows;
 pub mod processes;
 pub mod reserve;
+mod schema;
 mod seals;
 pub mod segment;
 pub mod snapshot;

@@ -38,8 +38,8 @@ const SEALED: [&str; 16] = [
 /// Hashes and sums have 62 bits: a sum of two stays within SQLite's integers.
 const MASK: u64 = (1 << 62) - 1;
 
-/// First version of the schema whose tables are sealed.
-pub(super) const FORMAT: usize = 2;
+/// First format whose tables are sealed.
+const SINCE: usize = 2;
 
 /// Rows of a table, and the sum of their hashes; or how both change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -186,7 +186,7 @@ impl Store {
 
     /// Every table whose rows are not those that were written, and how they differ.
     pub fn broken_seals(&self) -> Result<Vec<(&'static str, String)>> {
-        if self.format() < FORMAT {
+        if self.format() < SINCE {
             return Ok(Vec::new());
         }
         self.read(|| {
@@ -205,7 +205,7 @@ impl Store {
 
     /// The same for one small table, without looking at the others.
     pub(super) fn require_sealed(&self, table: &str) -> Result<()> {
-        let detail = if self.format() < FORMAT { None } else { self.broken(table)? };
+        let detail = if self.format() < SINCE { None } else { self.broken(table)? };
         detail.map_or(Ok(()), |detail| Err(Error::damaged(&self.dir().join(CATALOGUE), detail)))
     }
 }

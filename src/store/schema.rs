@@ -1,0 +1,85 @@
+//! Formats of the catalogue: today's, how older ones are brought to it, and what is said of others.
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+use rusqlite::Transaction;
+
+use super::sql::CATALOGUE;
+use super::{connection, seals};
+use crate::base::text::for_shell;
+use crate::base::{Error, Result};
+
+/// The schema's versions, in order; `user_version` counts those applied.
+const SCHEMA: [&str; 2] = [include_str!("../../schema/0001_store.sql"), include_str!("../../schema/0002_seals.sql")];
+/// Today's format.
+pub(super) const FORMAT: usize = SCHEMA.len();
+const VIEWS: &str = include_str!("../../schema/views.sql");
+
+/// Where SQLite keeps `user_version` in a database file.
+const USER_VERSION_AT: usize = 60;
+
+/// Brings a catalogue to today's format, within a transaction.
+pub(super) fn apply(tx: &Transaction<'_>) -> Result<()> {
+    let version: usize = tx.pragma_query_value(None, "user_version", |r| r.get(0))?;
+    if version == FORMAT {
+        // Another process was faster.
+        return Ok(());
+    }
+    for sql in SCHEMA.iter().skip(version) {
+        tx.execute_batch(sql)?;
+    }
+    tx.execute_batch(VIEWS)?;
+    seals::renew(tx)?;
+    tx.pragma_update(None, "user_version", FORMAT)?;
+    Ok(())
+}
+
+/// The error of a store that a newer version of the program made: nothing of it is touched.
+pub(super) fn newer(dir: &Path, version: usize) -> Error {
+    let (reads, name) = (FORMAT, for_shell(dir));
+    let detail = format!("its format is {version}, this program reads up to {reads}: it was made by a newer version");
+    Error::damaged(&dir.join(CATALOGUE), detail)
+        .with_help_for_damage(|| format!("use the newer version of clerestory that made {name}, or name another store"))
+}
+
+/// Whether a catalogue says that a newer version made it, damaged or not. The number stands in the file's first
+/// page, and may be newer in its log.
+pub(super) fn is_newer(dir: &Path) -> bool {
+    let path = dir.join(CATALOGUE);
+    if !path.symlink_metadata().is_ok_and(|meta| meta.is_file()) {
+        return false;
+    }
+    let asked = || -> Option<usize> {
+        connection::to_read(&path, dir).ok()?.pragma_query_value(None, "user_version", |row| row.get(0)).ok()
+    };
+    let written = || {
+        let mut page = [0; 64];
+        File::open(&path).ok()?.read_exact_at(&mut page, 0).ok()?;
+        let number = page[USER_VERSION_AT..].first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize);
+        number.filter(|_| page.starts_with(b"SQLite format 3\0"))
+    };
+    asked().or_else(written).is_some_and(|version| version > FORMAT)
+}
+
+/// Completes an error of opening: its path, and what to do where not even `check` can read the catalogue.
+pub(super) fn complete(error: Error, dir: &Path) -> Error {
+    let name = for_shell(dir);
+    let path = dir.join(CATALOGUE);
+    let error = match error {
+        Error::Damaged { path: bare, detail, help } if bare.as_os_str() == CATALOGUE => {
+            Error::Damaged { path, detail, help }
+        }
+        Error::Failed { message, help } if message.starts_with(CATALOGUE) => {
+            Error::Failed { message: format!("{}/{message}", dir.display()), help }
+        }
+        Error::Busy { holder, .. } if holder.is_empty() => {
+            Error::Busy { store: dir.to_path_buf(), holder: "a process that writes to its catalogue".to_owned() }
+        }
+        other => other,
+    };
+    error.with_help_for_damage(|| {
+        format!("set it aside with `mv {name} {name}.damaged`, then run the command that made it again")
+    })
+}
