@@ -65,6 +65,10 @@ impl Lineage {
             let row: Option<(u64, Option<u64>, bool)> =
                 find.query_row([newest], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?))).optional()?;
             let Some((branch, base, kept)) = row else {
+                if newest != version {
+                    let detail = format!("version {version} goes back to version {newest}, which is not there");
+                    return Err(Error::damaged(&store.dir().join(super::sql::CATALOGUE), detail));
+                }
                 return Err(store.no_such_version(newest, "there is no version"));
             };
             if newest == version && !kept {
