@@ -125,38 +125,15 @@ impl Sieve {
             self.ignored.insert(format!("{key} before the first newmtl"));
             return Ok(());
         };
-        if let Some(form) =
-            values.first().filter(|w| w.eq_ignore_ascii_case(b"xyz") || w.eq_ignore_ascii_case(b"spectral"))
-        {
-            let what = format!("`{key} {}` of `{}` cannot be read", shown_name(form), shown_name(&material.name));
-            return Err(lines.fault(&what, &format!("write it as RGB: `{key} R G B`")));
-        }
-        let mut numbers = Vec::with_capacity(3);
-        for word in values.iter().take(3) {
-            let not_a_number =
-                || format!("`{}` in the `{key}` of `{}` is not a number", shown_name(word), shown_name(&material.name));
-            numbers.push(number(word).ok_or_else(|| lines.fault(&not_a_number(), HELP))?);
-        }
-        let given = match numbers[..] {
-            [all] => [all; 3],
-            [r, g, b] => [r, g, b],
-            _ => {
-                let what =
-                    format!("the `{key}` of `{}` has {} of 3 numbers", shown_name(&material.name), numbers.len());
-                return Err(lines.fault(&what, HELP));
-            }
-        };
+        let name = shown_name(&material.name);
+        let given = numbers(lines, key, &name, values)?;
         let [r, g, b] = given.map(|x| colour.possible(x));
         if [r, g, b] != given {
             self.library.corrected += 1;
             if self.library.corrected == 1 {
-                let [x, y, z] = given;
-                self.library.first_corrected = format!(
-                    "{}:{}: `{key} {x} {y} {z}` of `{}` is taken as {r} {g} {b}",
-                    shown(&self.library.path),
-                    lines.line,
-                    shown_name(&material.name)
-                );
+                let ([x, y, z], path) = (given, shown(&self.library.path));
+                self.library.first_corrected =
+                    format!("{path}:{}: `{key} {x} {y} {z}` of `{name}` is taken as {r} {g} {b}", lines.line);
             }
         }
         if values.len() > 3 {
@@ -182,6 +159,25 @@ impl Sieve {
             material.ke = read.emissive.map_or([0.0; 3], |ke| ke.map(decimal));
         }
         Ok(self.library)
+    }
+}
+
+/// The three numbers of a colour, or the one that stands for all; anything else would have to be guessed.
+fn numbers(lines: &LineReader<impl Read>, key: &str, of: &str, values: &[&[u8]]) -> Result<[f64; 3]> {
+    let is_form = |w: &&&[u8]| w.eq_ignore_ascii_case(b"xyz") || w.eq_ignore_ascii_case(b"spectral");
+    if let Some(form) = values.first().filter(is_form) {
+        let what = format!("`{key} {}` of `{of}` cannot be read", shown_name(form));
+        return Err(lines.fault(&what, &format!("write it as RGB: `{key} R G B`")));
+    }
+    let mut numbers = Vec::with_capacity(3);
+    for word in values.iter().take(3) {
+        let not_a_number = || format!("`{}` in the `{key}` of `{of}` is not a number", shown_name(word));
+        numbers.push(number(word).ok_or_else(|| lines.fault(&not_a_number(), HELP))?);
+    }
+    match numbers[..] {
+        [all] => Ok([all; 3]),
+        [r, g, b] => Ok([r, g, b]),
+        _ => Err(lines.fault(&format!("the `{key}` of `{of}` has {} of 3 numbers", numbers.len()), HELP)),
     }
 }
 

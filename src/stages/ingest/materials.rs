@@ -96,16 +96,7 @@ pub fn materials_of(
             Material { rho: Rgb(rho), exitance: Rgb(definition.ke) * std::f64::consts::PI }
         })
         .collect();
-    if let Some((name, (path, definition))) = clamped.iter().next() {
-        let [r, g, b] = definition.kd;
-        progress.warn(&format!(
-            "reflectance of {} clamped to 0..0.99, first `{}` with Kd {r} {g} {b} ({}:{})",
-            plural(clamped.len(), "material"),
-            shown_name(name),
-            shown(path),
-            definition.line
-        ));
-    }
+    warn_of_clamped(&clamped, progress);
     if let Some(name) = undefined.first() {
         progress.warn(&format!(
             "{} without definition, first `{}`: Kd 0.5 is used",
@@ -117,6 +108,18 @@ pub fn materials_of(
         progress.warn(&format!("{} defined again and differently, first {first}", plural(*n, "material")));
     }
     materials
+}
+
+fn warn_of_clamped(clamped: &BTreeMap<&[u8], (&Path, &Definition)>, progress: &dyn Progress) {
+    let Some((name, (path, definition))) = clamped.iter().next() else { return };
+    let [r, g, b] = definition.kd;
+    progress.warn(&format!(
+        "reflectance of {} clamped to 0..0.99, first `{}` with Kd {r} {g} {b} ({}:{})",
+        plural(clamped.len(), "material"),
+        shown_name(name),
+        shown(path),
+        definition.line
+    ));
 }
 
 /// Says once what the MTL files state and this program ignores or corrects.
