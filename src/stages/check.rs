@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::link_levels::{self, LevelCount};
-use crate::base::text::for_shell;
+use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Progress, Result};
 use crate::model::ExtentKind;
 use crate::model::rays::TOP;
@@ -56,7 +56,7 @@ impl super::summary::Summary for Summary {
         let mut lines =
             vec![format!("{} segments, {mib:.1} MiB verified, {} damages", self.segments, self.damages_total)];
         lines.extend(self.links_by_level.iter().map(LevelCount::line));
-        lines.extend(self.damages.iter().map(|d| format!("{}: {} {}: {}", d.path.display(), d.kind, d.id, d.detail)));
+        lines.extend(self.damages.iter().map(|d| format!("{}: {} {}: {}", shown(&d.path), d.kind, d.id, d.detail)));
         lines
     }
 

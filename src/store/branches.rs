@@ -3,6 +3,7 @@
 use rusqlite::{Connection, OptionalExtension};
 
 use super::Store;
+use crate::base::text::shown;
 use crate::base::{Error, Result};
 
 /// A solution version's place and figures.
@@ -55,7 +56,7 @@ impl Store {
         let newest: Option<u64> =
             self.connection().prepare_cached("SELECT max(id) FROM solution_versions")?.query_row([], |r| r.get(0))?;
         newest.ok_or_else(|| Error::StageMissing {
-            message: format!("{}: no model in this store", self.dir().display()),
+            message: format!("{}: no model in this store", shown(self.dir())),
             help: format!("run `clerestory ingest {} MODEL.obj` first", crate::base::text::for_shell(self.dir())),
         })
     }

@@ -5,6 +5,7 @@ use rusqlite::{Connection, OptionalExtension, Transaction, params};
 
 use super::branches::{self, VersionRow};
 use super::{Stage, Store};
+use crate::base::text::for_shell;
 use crate::base::{Error, Result};
 use crate::model::order::UpdateOrder;
 
@@ -62,10 +63,35 @@ impl Store {
             )?;
             let number = match under_way {
                 Some(number) => number,
-                None => open_tasks(tx, branch, &newest, &partition, settings)?,
+                None => self.open_tasks(tx, branch, &newest, &partition, settings)?,
             };
             Ok(Iteration { branch, number, newest: newest.id, converged: false })
         })
+    }
+
+    fn open_tasks(
+        &self,
+        tx: &Transaction<'_>,
+        branch: u64,
+        newest: &VersionRow,
+        partition: &str,
+        settings: &SolveSettings,
+    ) -> Result<u64> {
+        let last: Option<u64> =
+            tx.query_row("SELECT max(iteration) FROM tasks WHERE branch = ?1", [branch], |r| r.get(0))?;
+        let number = last.unwrap_or(0).max(newest.iteration) + 1;
+        let opened = tx.execute(
+            "INSERT INTO tasks (branch, iteration, group_id, update_order, state, base_version, options_hash, partition_hash)
+             SELECT ?1, ?2, id, ?3, 'free', ?4, ?5, ?6 FROM groups ORDER BY id",
+            params![branch, number, settings.order.name(), newest.id, settings.options_hash, partition],
+        )?;
+        if opened == 0 {
+            return Err(Error::StageMissing {
+                message: "the partition holds no groups".to_owned(),
+                help: format!("run `clerestory partition {} --fresh` first", for_shell(self.dir())),
+            });
+        }
+        Ok(number)
     }
 }
 
@@ -94,30 +120,6 @@ pub(super) fn newest_of(tx: &Connection, branch: u64) -> Result<VersionRow> {
     )?;
     let found = branches::version_row(tx, id)?;
     found.ok_or_else(|| Error::damaged(std::path::Path::new(super::sql::CATALOGUE), format!("no version {id}")))
-}
-
-fn open_tasks(
-    tx: &Transaction<'_>,
-    branch: u64,
-    newest: &VersionRow,
-    partition: &str,
-    settings: &SolveSettings,
-) -> Result<u64> {
-    let last: Option<u64> =
-        tx.query_row("SELECT max(iteration) FROM tasks WHERE branch = ?1", [branch], |r| r.get(0))?;
-    let number = last.unwrap_or(0).max(newest.iteration) + 1;
-    let opened = tx.execute(
-        "INSERT INTO tasks (branch, iteration, group_id, update_order, state, base_version, options_hash, partition_hash)
-         SELECT ?1, ?2, id, ?3, 'free', ?4, ?5, ?6 FROM groups ORDER BY id",
-        params![branch, number, settings.order.name(), newest.id, settings.options_hash, partition],
-    )?;
-    if opened == 0 {
-        return Err(Error::StageMissing {
-            message: "the partition holds no groups".to_owned(),
-            help: "run `clerestory partition STORE --fresh` first".to_owned(),
-        });
-    }
-    Ok(number)
 }
 
 /// The newest branch if it has these settings and the materials of the last ingest; else a new one from the

@@ -3,7 +3,7 @@
 use rusqlite::{Connection, OptionalExtension, named_params};
 
 use super::{ExtentRef, Store};
-use crate::base::text::for_shell;
+use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
 /// The model as a whole. Stored coordinates are metres from `origin`.
@@ -119,7 +119,7 @@ impl Store {
     /// What ingest found; exit code 13 before it.
     pub fn facts(&self) -> Result<ModelFacts> {
         self.facts_if_any()?.ok_or_else(|| Error::StageMissing {
-            message: format!("{}: no model in this store", self.dir().display()),
+            message: format!("{}: no model in this store", shown(self.dir())),
             help: format!("run `clerestory ingest {} MODEL.obj` first", for_shell(self.dir())),
         })
     }

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use crate::base::text::shown;
 use crate::base::{Error, Result};
 
 const NETWORK: [&str; 18] = [
@@ -43,7 +44,7 @@ pub fn refuse_network(dir: &Path) -> Result<()> {
     let Ok(mountinfo) = std::fs::read_to_string("/proc/self/mountinfo") else { return Ok(()) };
     match type_at(&mountinfo, &path) {
         Some(kind) if NETWORK.contains(&kind) => Err(Error::failed(
-            format!("{}: lies on a network file system ({kind}), where a store cannot be shared safely", dir.display()),
+            format!("{}: lies on a network file system ({kind}), where a store cannot be shared safely", shown(dir)),
             "put the store on a local disk with `--store /LOCAL/PATH.clr`",
         )),
         _ => Ok(()),

@@ -8,7 +8,7 @@ use rusqlite::Transaction;
 
 use super::sql::CATALOGUE;
 use super::{connection, seals};
-use crate::base::text::for_shell;
+use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
 /// The schema's versions, in order; `user_version` counts those applied.
@@ -72,7 +72,7 @@ pub(super) fn complete(error: Error, dir: &Path) -> Error {
             Error::Damaged { path, detail, help }
         }
         Error::Failed { message, help } if message.starts_with(CATALOGUE) => {
-            Error::Failed { message: format!("{}/{message}", dir.display()), help }
+            Error::Failed { message: format!("{}/{message}", shown(dir)), help }
         }
         Error::Busy { holder, .. } if holder.is_empty() => {
             Error::Busy { store: dir.to_path_buf(), holder: "a process that writes to its catalogue".to_owned() }

@@ -4,7 +4,7 @@ use rusqlite::ErrorCode;
 
 use super::Store;
 use crate::base::Error;
-use crate::base::text::for_shell;
+use crate::base::text::{for_shell, shown};
 
 /// File name of the catalogue within a store.
 pub(super) const CATALOGUE: &str = "scene.sqlite";
@@ -57,7 +57,7 @@ impl Store {
             }
             Error::Failed { message, help } if message.starts_with(CATALOGUE) => {
                 let help = if message.ends_with(FULL) { self.room_help() } else { help };
-                Error::Failed { message: format!("{}/{message}", self.dir().display()), help }
+                Error::Failed { message: format!("{}/{message}", shown(self.dir())), help }
             }
             other => other,
         }

@@ -4,7 +4,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::Store;
-use crate::base::text::for_shell;
+use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
 /// The stages whose results lie in the catalogue.
@@ -121,7 +121,7 @@ impl Store {
     /// What a stage was made from, if it still fits the stages before it; exit code 13 otherwise.
     pub fn require_stage(&self, stage: Stage) -> Result<StageRecord> {
         let missing = |why: &str| Error::StageMissing {
-            message: format!("{}: {why} {} data in this store", self.dir().display(), stage.name()),
+            message: format!("{}: {why} {} data in this store", shown(self.dir()), stage.name()),
             help: format!("run `clerestory {} {}{}` first", stage.name(), for_shell(self.dir()), stage.takes()),
         };
         let record = self.stage(stage)?.ok_or_else(|| missing("no"))?;

@@ -139,7 +139,7 @@ impl Survey {
                  they count for nothing that is measured of the whole",
                 distance * metres_per_unit,
                 around.radius * metres_per_unit,
-                paths[first.file as usize].display(),
+                shown(&paths[first.file as usize]),
                 first.line
             ));
         }

@@ -12,6 +12,7 @@ use super::record_file::RecordFile;
 use super::skipped::Cause;
 use super::typical::Far;
 use super::whereabouts::Whereabouts;
+use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::split::{area_vector, split, turns};
@@ -200,7 +201,7 @@ fn refuse_too_many(
             return Err(Error::TooLarge {
                 message: format!(
                     "{}:{line}: a face of {edge_m:.0} m would become {count:.0} patches of {longest_m:.0} m, over the limit of {MOST_PIECES}",
-                    paths[file as usize].display()
+                    shown(&paths[file as usize])
                 ),
                 help: "leave the face out, cut it down to the building, or give `--units`".to_owned(),
             });
