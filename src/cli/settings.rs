@@ -4,7 +4,8 @@
 //! The lower layers become clap's defaults, so that every value is checked and shown in one way.
 
 use std::collections::BTreeMap;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use clap::{ArgAction, ArgMatches, Command, CommandFactory};
 use serde::Serialize;
 
 use super::args::Cli;
-use crate::base::text::shown;
+use crate::base::text::{from_stored, shown, stored};
 use crate::base::{Error, Result};
 pub use crate::stages::settings::STAGES;
 use crate::stages::settings::recorded;
@@ -44,6 +45,9 @@ pub struct Setting {
     pub flag: String,
     /// As typed.
     pub value: String,
+    /// Byte for byte, as the store remembers it.
+    #[serde(skip)]
+    stored: String,
     /// `flag`, `environment`, `clerestory.toml`, `store` or `default`.
     pub source: &'static str,
 }
@@ -52,7 +56,7 @@ pub struct Setting {
 pub struct Resolved {
     /// As clap parsed it.
     pub matches: ArgMatches,
-    lower: BTreeMap<String, (String, &'static str)>,
+    lower: BTreeMap<String, (OsString, &'static str)>,
 }
 
 /// The command.
@@ -102,7 +106,7 @@ fn lower_layers(
     command: &Command,
     verb: &str,
     matches: &ArgMatches,
-) -> Result<BTreeMap<String, (String, &'static str)>> {
+) -> Result<BTreeMap<String, (OsString, &'static str)>> {
     let flags = flags_of(verb);
     let mut lower = BTreeMap::new();
     let is_fresh = matches.try_get_one::<bool>("fresh").ok().flatten().copied().unwrap_or(false);
@@ -115,18 +119,19 @@ fn lower_layers(
             if let Some(flag) = flag_on(verb, &stage, &flag)
                 && flags.contains(&flag)
             {
+                let value = from_stored(&value).map_or_else(|| value.clone().into(), OsString::from_vec);
                 lower.insert(flag, (value, "store"));
             }
         }
     }
     for (flag, value) in file_values(Path::new(FILE), command, verb)? {
         if flags.contains(&flag) {
-            lower.insert(flag, (value, FILE));
+            lower.insert(flag, (value.into(), FILE));
         }
     }
     for flag in flags {
         let name = format!("CLERESTORY_{}", flag.replace('-', "_").to_uppercase());
-        if let Ok(value) = std::env::var(name) {
+        if let Some(value) = std::env::var_os(name) {
             lower.insert(flag, (value, ENVIRONMENT));
         }
     }
@@ -135,7 +140,7 @@ fn lower_layers(
 }
 
 /// Tolerance and quality are one setting: a tolerance gives way to a quality from a higher layer.
-fn forget_overruled_tolerance(matches: &ArgMatches, lower: &mut BTreeMap<String, (String, &'static str)>) {
+fn forget_overruled_tolerance(matches: &ArgMatches, lower: &mut BTreeMap<String, (OsString, &'static str)>) {
     if matches.try_contains_id("quality").is_err() {
         return;
     }
@@ -249,12 +254,14 @@ impl Resolved {
             let Some(flag) = settable(arg) else { continue };
             let id = arg.get_id().as_str();
             let Ok(Some(raw)) = matches.try_get_raw(id) else { continue };
-            let value = raw.map(|v| v.to_str().map_or_else(|| shown(v), str::to_owned)).collect::<Vec<_>>().join(" ");
+            let raw = raw.collect::<Vec<_>>().join(OsStr::new(" "));
+            let value = raw.to_str().map_or_else(|| shown(&raw), str::to_owned);
+            let stored = stored(raw.as_bytes());
             let source = match matches.value_source(id) {
                 Some(ValueSource::CommandLine) => "flag",
                 _ => self.lower.get(&flag).map_or("default", |l| l.1),
             };
-            out.push(Setting { verb: verb.to_owned(), flag, value, source });
+            out.push(Setting { verb: verb.to_owned(), flag, value, stored, source });
         }
         out
     }
@@ -267,7 +274,7 @@ impl Resolved {
             .settings(verb)
             .into_iter()
             .filter(|s| s.source != "default" && flags.contains(&s.flag.as_str()))
-            .map(|s| (s.flag, s.value))
+            .map(|s| (s.flag, s.stored))
             .collect();
         // A tolerance remembered from before must not beat the quality chosen now.
         let has = |flag: &str| out.iter().any(|s| s.0 == flag);

@@ -25,7 +25,10 @@ pub fn open(path: &Path) -> Result<File> {
         return Ok(file);
     }
     let what = if kind.is_dir() { "a folder" } else { "a pipe or a device" };
-    Err(Error::failed(format!("{}: {what}, not a file", shown(path)), "name a regular file"))
+    Err(Error::failed(
+        format!("{}: {what}, not a file", shown(path)),
+        "name a regular file; points are read from stdin with `--points -`",
+    ))
 }
 
 /// Bytes of a text with LF as the only end of a line.
@@ -110,9 +113,9 @@ impl<R: Read> LineReader<R> {
         Ok(Self { input, path: path.to_path_buf(), text: Vec::new(), line: 0, lines: 0 })
     }
 
-    /// Fills `text` with the next line; false at the end. With `joins`, a line that ends in a backslash
-    /// goes on in the next one, unless it is a comment.
-    pub fn read_line(&mut self, joins: bool) -> Result<bool> {
+    /// Fills `text` with the next line; false at the end. A line that ends in a backslash goes on in the next one,
+    /// unless it is a comment, if `joins` says so of its text.
+    pub fn read_line(&mut self, joins: fn(&[u8]) -> bool) -> Result<bool> {
         self.text.clear();
         self.line = self.lines + 1;
         loop {
@@ -135,7 +138,7 @@ impl<R: Read> LineReader<R> {
             }
             self.lines += 1;
             self.text.pop_if(|end| *end == b'\n');
-            if !joins || comment || self.text.last() != Some(&b'\\') {
+            if comment || self.text.last() != Some(&b'\\') || !joins(&self.text) {
                 return Ok(true);
             }
             *self.text.last_mut().expect("a backslash") = b' ';
@@ -166,8 +169,10 @@ pub fn words(text: &[u8]) -> impl Iterator<Item = &[u8]> {
 /// A decimal number, or one of the spellings of "not finite", Microsoft's `1.#IND` among them.
 #[must_use]
 pub fn number(word: &[u8]) -> Option<f64> {
-    if word.contains(&b'#') {
-        return Some(f64::NAN);
+    const NOT_FINITE: [&[u8]; 4] = [b"#IND", b"#INF", b"#QNAN", b"#SNAN"];
+    if let Some(at) = word.iter().position(|b| *b == b'#') {
+        // What a comment without a blank before it leaves is a number too.
+        return if NOT_FINITE.iter().any(|w| word[at..].starts_with(w)) { Some(f64::NAN) } else { number(&word[..at]) };
     }
     std::str::from_utf8(word).ok()?.parse().ok()
 }
@@ -196,7 +201,7 @@ fn utf16_error(path: &Path, encoding: &str) -> Error {
 mod tests {
     use super::*;
 
-    fn lines(text: &[u8], joins: bool) -> Vec<(u64, String)> {
+    fn lines(text: &[u8], joins: fn(&[u8]) -> bool) -> Vec<(u64, String)> {
         let mut reader = LineReader::new(text, Path::new("model.obj")).unwrap();
         let mut out = Vec::new();
         while reader.read_line(joins).unwrap() {
@@ -222,7 +227,7 @@ mod tests {
         let text = b"\xef\xbb\xbfa\rb\nc\r\n\r\n\n\rd";
         let expected: Vec<(u64, String)> =
             [(1, "a"), (2, "b"), (3, "c"), (4, ""), (5, ""), (6, ""), (7, "d")].map(|(n, s)| (n, s.to_owned())).into();
-        assert_eq!(lines(text, false), expected);
+        assert_eq!(lines(text, |_| false), expected);
         let mut torn = String::new();
         PlainText::new(Drop(text), Path::new("a")).unwrap().read_to_string(&mut torn).unwrap();
         assert_eq!(torn, "a\nb\nc\n\n\n\nd");
@@ -233,7 +238,7 @@ mod tests {
         for end in ["\r", "\n", "\r\n"] {
             let text = format!("v 1 \\{end}2{end}# C:\\{end}w");
             let expected = [(1, "v 1  2"), (3, "# C:\\"), (4, "w")].map(|(n, s)| (n, s.to_owned()));
-            assert_eq!(lines(text.as_bytes(), true), expected, "{end:?}");
+            assert_eq!(lines(text.as_bytes(), |_| true), expected, "{end:?}");
         }
     }
 
@@ -250,11 +255,11 @@ mod tests {
     fn a_line_without_end_is_refused_before_it_fills_memory() {
         let mut reader = LineReader::new(io::repeat(b'1').take(1 << 30), Path::new("model.obj")).unwrap();
         assert!(
-            reader.read_line(true).unwrap_err().to_string().contains("model.obj:1: the line is longer than 16 MiB")
+            reader.read_line(|_| true).unwrap_err().to_string().contains("model.obj:1: the line is longer than 16 MiB")
         );
         assert!(reader.text.capacity() < 64 << 20);
         let mut comment = LineReader::new((&b" #"[..]).chain(io::repeat(b'1').take(40 << 20)), Path::new("a")).unwrap();
-        assert!(comment.read_line(true).unwrap() && !comment.read_line(true).unwrap());
+        assert!(comment.read_line(|_| true).unwrap() && !comment.read_line(|_| true).unwrap());
     }
 
     #[test]

@@ -82,7 +82,7 @@ impl<R: Read> ObjReader<R> {
     /// The next record and its (first) line, from 1; `None` at the end. Fails on unreadable files and
     /// on broken numbers.
     pub fn next_record(&mut self) -> Result<Option<(u64, Record<'_>)>> {
-        while self.lines.read_line(true)? {
+        while self.lines.read_line(goes_on)? {
             // The parser borrows corners mutably, the text not: taken out and put back.
             let text = std::mem::take(&mut self.lines.text);
             let parsed = self.parse(&text);
@@ -104,7 +104,7 @@ impl<R: Read> ObjReader<R> {
         let mut words = words(text);
         let Some(keyword) = words.next() else { return Ok(Parsed::Nothing) };
         let rest = || text.trim_ascii_start()[keyword.len()..].trim_ascii().to_vec();
-        Ok(Parsed::Other(match keyword {
+        Ok(Parsed::Other(match keyword.to_ascii_lowercase().as_slice() {
             b"v" => {
                 self.counts[0] += 1;
                 Record::Vertex(self.position(&mut words)?)
@@ -183,6 +183,12 @@ impl<R: Read> ObjReader<R> {
             _ => self.counts[kind].checked_sub(index.unsigned_abs()),
         }
     }
+}
+
+/// Whether a line that ends in a backslash goes on: all do but those of names, which may end in one (`C:\lights\`).
+fn goes_on(text: &[u8]) -> bool {
+    let keyword = words(text).next().unwrap_or_default().to_ascii_lowercase();
+    !matches!(keyword.as_slice(), b"o" | b"g" | b"usemtl")
 }
 
 enum Parsed {

@@ -79,7 +79,7 @@ impl<R: Read> PointReader<R> {
                     None => continue,
                 },
                 Rows::Blanks(lines) => {
-                    if !lines.read_line(false)? {
+                    if !lines.read_line(|_| false)? {
                         return Ok(None);
                     }
                     self.line = lines.line;
@@ -106,7 +106,7 @@ impl<R: Read> PointReader<R> {
     fn first_row(&mut self) -> Result<Option<Vec<Vec<u8>>>> {
         let Rows::New(mut lines) = std::mem::replace(&mut self.rows, Rows::Ended) else { return Ok(None) };
         loop {
-            if !lines.read_line(false)? {
+            if !lines.read_line(|_| false)? {
                 return Ok(None);
             }
             let text = lines.text.trim_ascii();

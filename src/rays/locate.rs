@@ -38,6 +38,24 @@ fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
     (outside, normal.dot(point - c[0]).abs())
 }
 
+/// Faces that cover parts of a side.
+pub struct Covering(Vec<RayPatch>);
+
+impl Covering {
+    /// Share of an element of that side that is seen.
+    #[must_use]
+    pub fn shown_share(&self, element: &Node) -> f64 {
+        if self.0.is_empty() {
+            return 1.0;
+        }
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
+        let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| (i, j)));
+        let is_shown = |point: DVec3| self.0.iter().all(|p| distances(p, patch_normal(p), point).0 > 0.0);
+        let shown = places.filter(|&(i, j)| is_shown(element.shape.point(middle(i), middle(j)))).count();
+        shown as f64 / f64::from(PLACES * PLACES)
+    }
+}
+
 impl RayScene<'_> {
     /// The patch side within `snap_m` of a point whose normal agrees with `normal` within 60 degrees:
     /// of several the nearest; of coincident ones the one that is seen.
@@ -55,8 +73,9 @@ impl RayScene<'_> {
             let key = PatchKey { cluster, patch: patch.patch };
             let place = Place { key, side: u8::from(cosine < 0.0) };
             let rank = self.rank(&Face { key, front: place.side == 0, area_m2: patch.area_m2 });
-            // Steps of a quarter of the snap length: coincident faces differ by rounding alone.
-            let distance = ((outside + off) / (0.25 * snap_m)).floor();
+            // Faces within the snap length of a point coincide there: their heights do not count. Outlines do, in steps
+            // of a quarter, since those of neighbours differ by rounding alone.
+            let distance = (outside / (0.25 * snap_m)).floor();
             let mut best = best.borrow_mut();
             if best.is_none_or(|(d, r, _)| distance < d || (distance == d && rank < r)) {
                 *best = Some((distance, rank, place));
@@ -66,9 +85,9 @@ impl RayScene<'_> {
         best.into_inner().map(|(_, _, place)| place)
     }
 
-    /// Share of an element that is seen: the rest lies under faces that coincide with it.
+    /// Faces that coincide with a node's side and are seen instead of it.
     #[must_use]
-    pub fn shown_share(&self, node: &Node) -> f64 {
+    pub fn covering(&self, node: &Node) -> Covering {
         let corners = node.shape.corners();
         let around = corners.iter().fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
         let bounds = Bounds { min: around.min - self.snap_m, max: around.max + self.snap_m };
@@ -83,14 +102,6 @@ impl RayScene<'_> {
             }
             false
         });
-        let covering = covering.into_inner();
-        if covering.is_empty() {
-            return 1.0;
-        }
-        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
-        let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| (i, j)));
-        let is_shown = |point: DVec3| covering.iter().all(|p| distances(p, patch_normal(p), point).0 > 0.0);
-        let shown = places.filter(|&(i, j)| is_shown(node.shape.point(middle(i), middle(j)))).count();
-        shown as f64 / f64::from(PLACES * PLACES)
+        Covering(covering.into_inner())
     }
 }

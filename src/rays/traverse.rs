@@ -205,9 +205,14 @@ impl RayScene<'_> {
         })
     }
 
-    /// Whether anything lies between two points on two patches; neither patch counts. `among`: all that may.
+    /// Whether anything lies between two points on two patches, or those coincide; neither patch counts. `among`: all that may.
     #[must_use]
     pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd, among: &Blockers<'_>) -> bool {
+        // Nothing passes between faces that coincide, whatever rounding has put between them.
+        let gap = (to - from).dot(start.normal).abs();
+        if gap <= self.snap_m && start.normal.dot(end.normal).abs() > PARALLEL {
+            return true;
+        }
         let ray = Ray::new(from, to - from);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
         let blocks = |cluster: u32, patch: &RayPatch, t: f64| {

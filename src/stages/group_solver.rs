@@ -7,10 +7,11 @@ use std::collections::HashMap;
 use super::group_links::{GroupLinks, LinkStore, SourceTable, Wanted};
 use super::link_extent::LinkExtent;
 use super::working_set::WorkingSet;
-use crate::base::{ClusterId, NodeName, Progress, Result, Rgb};
+use crate::base::{ClusterId, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::model::ExtentKind;
 use crate::model::links::LeafClosure;
 use crate::model::report::TaskReport;
+use crate::rays::locate::Covering;
 use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 use crate::store::tasks::UpdateRow;
@@ -260,6 +261,9 @@ impl<'a, 's> GroupSolver<'a, 's> {
                 *s += p;
             }
         };
+        let patches = view.geometry.patches;
+        let side = |i: usize| Node::root(view.id, &patches[i / 2], PatchSide::from_index(i));
+        let mut covering: Vec<Option<Covering>> = (0..2 * patches.len()).map(|_| None).collect();
         for element in member.mesh.elements.iter().filter(|e| e.is_leaf()) {
             let at = element.name.patch_side();
             let material = &member.materials[at.index()];
@@ -267,15 +271,15 @@ impl<'a, 's> GroupSolver<'a, 's> {
             if exitance.is_black() && element.irradiance.is_black() {
                 continue;
             }
-            let leaf = Node::at(view.id, &view.geometry.patches[usize::from(at.patch)], element.name);
-            if !exitance.is_black() {
-                add(&mut report.emitted_w, exitance * (element.area_m2 * self.cuts.scene().shown_share(&leaf)));
-            }
+            let leaf = Node::at(view.id, &patches[usize::from(at.patch)], element.name);
+            let covering = covering[at.index()].get_or_insert_with(|| self.cuts.scene().covering(&side(at.index())));
+            let shown = covering.shown_share(&leaf);
+            add(&mut report.emitted_w, exitance * (element.area_m2 * shown));
             if element.irradiance.is_black() {
                 continue;
             }
             let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
-            let open = seal::open_share(&self.cuts, self.set, &leaf, self.settings.seed)?;
+            let open = seal::open_share(&self.cuts, self.set, &leaf, self.settings.seed)?.min(shown);
             add(&mut report.absorbed_w, absorbed * (element.area_m2 * open));
         }
         for c in closure {

@@ -80,7 +80,9 @@ fn answer(
         }
         let origin = DVec3::from_array(facts.origin);
         let at = (DVec3::from_array(point.position) - origin) * facts.metres_per_unit;
-        let normal = DVec3::from_array(point.normal).normalize_or_zero();
+        // Scaled first: squares of what is very short or long are 0 or infinite.
+        let normal = DVec3::from_array(point.normal);
+        let normal = (normal / normal.abs().max_element()).normalize_or_zero();
         summary.points += 1;
         let [x, y, z] = point.position;
         let [nx, ny, nz] = point.normal;

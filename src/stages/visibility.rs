@@ -171,7 +171,7 @@ fn look(
     let failure: Mutex<Option<Error>> = Mutex::new(None);
     let effort = Effort { missing: plan.options.missing, seed: plan.options.seed };
     let mut figures = BTreeMap::new();
-    let mut blocked_emitters = 0;
+    let (mut blocked_emitters, mut lost_emitters) = (0, 0);
     std::thread::scope(|scope| -> Result<()> {
         let workers: Vec<_> = (0..plan.options.workers.max(1))
             .map(|_| {
@@ -207,6 +207,7 @@ fn look(
             if let Some(seen) = ready {
                 found(ids[done], &seen).map_err(|e| Error::io(store.dir(), &e))?;
                 blocked_emitters += seen.blocked_emitters;
+                lost_emitters += seen.lost_emitters;
                 let figure = Figure { rays: seen.rays, escape: seen.escape() as f32, missing: seen.missing as f32 };
                 figures.insert(ids[done].0, figure);
                 done += 1;
@@ -224,10 +225,11 @@ fn look(
     if let Some(error) = failure.into_inner().expect("no thread panics") {
         return Err(error);
     }
-    if blocked_emitters > 0 {
-        progress.warn(&format!(
-            "{blocked_emitters} emitting sides are blocked at once: their winding may be wrong; try `ingest --emit both`"
-        ));
+    for (count, what) in [(blocked_emitters, "are blocked at once"), (lost_emitters, "light nothing of the model")] {
+        if count > 0 {
+            progress
+                .warn(&format!("{count} emitting sides {what}: their winding may be wrong; try `ingest --emit both`"));
+        }
     }
     Ok(figures)
 }

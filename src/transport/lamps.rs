@@ -158,7 +158,7 @@ fn look(
     judge: &dyn Fn(&Sight) -> Verdict,
     rays: &mut u64,
 ) -> Option<(Sight, Verdict)> {
-    let slack = context.cuts.scene().snap_m() * 1e-3;
+    let slack = context.cuts.scene().snap_m();
     let tolerance = care.tolerance(lamp.area_m2, r.shape.centre().distance_squared(lamp.centre));
     let share = tolerance / (lamp.sides().len() as f64).sqrt();
     let mut clear = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Partial };

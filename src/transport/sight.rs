@@ -129,8 +129,7 @@ pub fn look<'a>(
     rays: &mut u64,
 ) -> Option<Look<'a>> {
     let scene = cuts.scene();
-    let slack = scene.snap_m() * 1e-3;
-    if !r.faces(s, slack) {
+    if !r.faces(s, scene.snap_m()) {
         return None;
     }
     let certain = |sight: Sight| Look { sight, blockers: None, verdict: judge(&sight) };

@@ -36,8 +36,10 @@ pub struct Seen {
     pub escaped: u64,
     /// Clusters hit exactly once, as a share of the rays: the estimate of the mass not seen.
     pub missing: f64,
-    /// Emitting sides all of whose rays were blocked at once: most likely wound the wrong way.
+    /// Emitting sides nearly all of whose rays were blocked at once: most likely wound the wrong way.
     pub blocked_emitters: u32,
+    /// Emitting sides nearly all of whose rays left the model: the same.
+    pub lost_emitters: u32,
 }
 
 impl Seen {
@@ -130,6 +132,17 @@ pub fn look_around(
     seen
 }
 
+/// Height above an emitter below which what is met blocks it, m.
+const NEARBY_M: f64 = 5e-3;
+
+/// What became of an emitting side's rays.
+#[derive(Clone, Copy, Default)]
+struct Tried {
+    all: u32,
+    blocked: u32,
+    escaped: u32,
+}
+
 /// Extra rays from emitting sides by their power: small bright sources are what rays from all over
 /// would miss.
 fn emitter_rays(
@@ -145,23 +158,28 @@ fn emitter_rays(
     if emitting.nodes.is_empty() {
         return;
     }
-    let nearby = scene.snap_m() * 100.0;
-    let mut tried = vec![(0u32, 0u32); emitting.nodes.len()];
+    let mut tried = vec![Tried::default(); emitting.nodes.len()];
     let sequence = Sequence::new(mix(effort.seed ^ mix(u64::from(cluster.0) | 1 << 40)));
     for index in 0..4 * FIRST_RAYS {
         let [a, b, c, d] = sequence.point(index);
         let Some((from, within)) = emitting.draw(a) else { return };
         let place = emitting.nodes.iter().position(|n| n.name == from.name).unwrap_or(0);
-        let (nearest, _) = cast(scene, from, within, [b, c, d]);
-        tried[place].0 += 1;
+        let (nearest, direction) = cast(scene, from, within, [b, c, d]);
+        let tried = &mut tried[place];
         match nearest {
             Nearest::Met(hit) => {
-                tried[place].1 += u32::from(hit.t < nearby);
+                tried.all += 1;
+                tried.blocked += u32::from(hit.t * direction.dot(from.normal) < NEARBY_M.max(scene.snap_m()));
                 seen.hits.entry(hit.key.cluster).or_default();
             }
-            Nearest::Covered => tried[place].1 += 1,
-            Nearest::Escaped => {}
+            // What covers an emitter emits itself.
+            Nearest::Covered => {}
+            Nearest::Escaped => {
+                tried.all += 1;
+                tried.escaped += 1;
+            }
         }
     }
-    seen.blocked_emitters = tried.iter().filter(|(all, blocked)| *all > 0 && all == blocked).count() as u32;
+    let count = |of: fn(&Tried) -> u32| tried.iter().filter(|t| t.all > 0 && of(t) * 20 >= t.all * 19).count() as u32;
+    (seen.blocked_emitters, seen.lost_emitters) = (count(|t| t.blocked), count(|t| t.escaped));
 }

@@ -14,6 +14,8 @@ use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
 use crate::geom::bounds::Bounds;
 
+/// Patches that are wider than this as a rule, m, are no building's: a house of centimetres read as metres has 400.
+const WIDEST_TYPICAL_M: f64 = 60.0;
 /// Snap length as a share of the bounding diagonal.
 const SNAP: f64 = 1e-5;
 /// Longest that it is by itself, m, however large the model.
@@ -81,7 +83,7 @@ impl Survey {
         let mut vertical = Vertical::default();
         for_each_shape(spilled, metres_per_unit, progress, |face, points| {
             bounds = bounds.union(Bounds::of(points));
-            sample.add(points);
+            sample.add(points, materials[face.material as usize].emits());
             vertical.add(points, &materials[face.material as usize]);
         })?;
         let whereabouts = sample.whereabouts();
@@ -131,7 +133,7 @@ impl Survey {
 
     /// What is odd about where the model lies and how large it is. `paths`: of the files.
     #[must_use]
-    pub fn warnings(&self, metres_per_unit: f64, paths: &[PathBuf]) -> Vec<String> {
+    pub fn warnings(&self, metres_per_unit: f64, typical_m: f64, paths: &[PathBuf]) -> Vec<String> {
         let mut all = Vec::new();
         if let (Some((count, first, distance)), Some(around)) = (self.far, self.whereabouts) {
             all.push(format!(
@@ -143,15 +145,16 @@ impl Survey {
                 first.line
             ));
         }
-        all.extend(self.size_warning(metres_per_unit));
+        all.extend(self.size_warning(metres_per_unit, typical_m));
         all
     }
 
-    fn size_warning(&self, metres_per_unit: f64) -> Option<String> {
+    /// `typical_m`: width of a typical patch.
+    fn size_warning(&self, metres_per_unit: f64, typical_m: f64) -> Option<String> {
         let size = self.bounds.size() * metres_per_unit;
         let longest = size.max_element();
         let [x, y, z] = size.to_array();
-        let odd = if longest > 2000.0 {
+        let odd = if longest > 2000.0 || typical_m > WIDEST_TYPICAL_M {
             "very large"
         } else if longest < 0.5 {
             "very small"
@@ -247,8 +250,9 @@ mod tests {
 
     #[test]
     fn a_size_that_no_building_has_is_named() {
-        let size = |metres| survey(Bounds::of(&[DVec3::ZERO, DVec3::splat(4.0)])).size_warning(metres);
+        let size = |metres| survey(Bounds::of(&[DVec3::ZERO, DVec3::splat(4.0)])).size_warning(metres, 3.0 * metres);
         assert!(size(1.0).is_none());
-        assert!(size(1000.0).unwrap().contains("--units"));
+        // Millimetres, and centimetres.
+        assert!(size(1000.0).unwrap().contains("--units") && size(100.0).unwrap().contains("--units"));
     }
 }

@@ -68,10 +68,10 @@ impl Made {
         if pieces.len() == 0 {
             return Err(frame::no_faces(&spilled));
         }
-        if options.up.is_none() && !survey.vertical.up(survey.bounds.size()).1 {
-            progress.warn("whether y or z is the vertical is not sure: z is taken; if it is y, give `--up y`");
+        if let (None, (up, false)) = (options.up, survey.vertical.up(survey.bounds.size())) {
+            progress.warn(&summary::vertical_line(up, false));
         }
-        for warning in survey.warnings(unit, &paths).into_iter().chain(spilled.skipped.warnings(&paths)) {
+        for warning in survey.warnings(unit, typical_m, &paths).into_iter().chain(spilled.skipped.warnings(&paths)) {
             progress.warn(&warning);
         }
         for (what, n) in &spilled.ignored {

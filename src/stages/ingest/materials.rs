@@ -40,6 +40,8 @@ impl Material {
 #[derive(Default)]
 struct Definitions<'a> {
     by_name: HashMap<&'a [u8], (&'a Path, &'a Definition)>,
+    /// The same for names that end in a comment, without it.
+    by_bare_name: HashMap<&'a [u8], (&'a Path, &'a Definition)>,
     /// Later ones of a name that say something else: how many, and the first.
     differing: (usize, String),
 }
@@ -48,6 +50,9 @@ impl<'a> Definitions<'a> {
     fn of(files: impl IntoIterator<Item = &'a Library>) -> Self {
         let mut all = Self::default();
         for (path, definition) in files.into_iter().flat_map(|f| f.materials.iter().map(|d| (f.path.as_path(), d))) {
+            if let Some(bare) = without_comment(&definition.name) {
+                all.by_bare_name.entry(bare).or_insert((path, definition));
+            }
             let (first_path, first) = *all.by_name.entry(&definition.name).or_insert((path, definition));
             if (first.kd, first.ke) != (definition.kd, definition.ke) {
                 all.differing.0 += 1;
@@ -65,6 +70,19 @@ impl<'a> Definitions<'a> {
         }
         all
     }
+
+    /// The definition of a name; `#` may be part of one (`Material #25`), so that a comment is one only where the
+    /// whole is no name.
+    fn get(&self, name: &[u8]) -> Option<&(&'a Path, &'a Definition)> {
+        let bare = || without_comment(name).and_then(|bare| self.by_name.get(bare));
+        self.by_name.get(name).or_else(bare).or_else(|| self.by_bare_name.get(name))
+    }
+}
+
+/// A name without a comment behind it, if it has one.
+fn without_comment(name: &[u8]) -> Option<&[u8]> {
+    let at = name.windows(2).position(|pair| pair[0].is_ascii_whitespace() && pair[1] == b'#')?;
+    Some(name[..at].trim_ascii_end()).filter(|bare| !bare.is_empty())
 }
 
 /// The material of every use. `overriding`: the definitions of `--materials`.
@@ -75,17 +93,19 @@ pub fn materials_of(
     overriding: Option<&Library>,
     progress: &dyn Progress,
 ) -> Vec<Material> {
+    let is_given = overriding.is_some();
     let overriding = Definitions::of(overriding);
     let defined: Vec<Definitions> = libraries.iter().map(Definitions::of).collect();
     let mut clamped = BTreeMap::new();
     let mut undefined = BTreeSet::new();
+    let mut given_is_used = false;
     let materials: Vec<Material> = uses
         .iter()
         .map(|of| {
             let name = of.name.as_deref().unwrap_or_default();
-            let own = defined[of.file as usize].by_name.get(name);
-            let found = overriding.by_name.get(name).or(overriding.by_name.get(&b"*"[..])).or(own);
-            let Some((path, definition)) = found else {
+            let given = overriding.get(name).or(overriding.get(b"*"));
+            given_is_used |= given.is_some();
+            let Some((path, definition)) = given.or(defined[of.file as usize].get(name)) else {
                 undefined.extend(of.name.as_deref());
                 return Material { rho: Rgb(DEFAULT_KD), exitance: Rgb::BLACK };
             };
@@ -97,6 +117,9 @@ pub fn materials_of(
         })
         .collect();
     warn_of_clamped(&clamped, progress);
+    if is_given && !given_is_used {
+        progress.warn("no face is of a material that `--materials` defines: it changes nothing");
+    }
     if let Some(name) = undefined.first() {
         progress.warn(&format!(
             "{} without definition, first `{}`: Kd 0.5 is used",
@@ -174,6 +197,21 @@ mod tests {
 
     fn uses(names: &[&str]) -> Vec<MaterialUse> {
         names.iter().map(|n| MaterialUse { file: 0, name: Some(n.as_bytes().to_vec()) }).collect()
+    }
+
+    #[test]
+    fn a_comment_behind_a_name_is_no_part_of_it_where_the_whole_is_no_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let own = dir.path().join("own.mtl");
+        std::fs::write(&own, "newmtl a # one\nKd 0.1 0 0\nnewmtl Material #2\nKd 0.2 0 0\nnewmtl b\nKd 0.3 0 0\n")
+            .unwrap();
+        let libraries = [vec![mtl::read(&own).unwrap()]];
+        let uses: Vec<_> = ["a", "Material #2", "b # two"]
+            .iter()
+            .map(|n| MaterialUse { file: 0, name: Some(n.as_bytes().to_vec()) })
+            .collect();
+        let red: Vec<f64> = materials_of(&uses, &libraries, None, &Quiet).iter().map(|m| m.rho.0[0]).collect();
+        assert_eq!(red, [0.1, 0.2, 0.3]);
     }
 
     #[test]

@@ -8,10 +8,15 @@ use glam::DVec3;
 use super::materials::Material;
 use crate::geom::split::area_vector;
 
-/// What all lamps looking one way along an axis (down; up where they are wound the wrong way) counts, as a logarithm of a ratio: as much as seven times the area.
-const LAMPS: f64 = 2.0;
-/// Logarithm of a ratio from which the vertical is sure: twice as much speaks for it as for the other.
-const SURE: f64 = 0.7;
+/// What all lamps looking one way along an axis (down; up where they are wound the wrong way) counts, as a logarithm of a ratio: as much as nearly three times the area.
+const LAMPS: f64 = 1.0;
+/// Logarithm of a ratio from which the vertical is clear: three times as much speaks for it as for the other.
+const SURE: f64 = 1.1;
+/// What may speak against it all the same.
+const DOUBT: f64 = 0.35;
+/// Times its second longest side that a model's longest may be: what is longer and is not said to lie by its lamps may
+/// be a corridor or a tower.
+const LONG: f64 = 2.0;
 
 /// What speaks for an axis.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,18 +40,24 @@ impl Vertical {
         self.emitted += area.length() * exitance;
     }
 
-    /// The vertical of a model of that size (any unit), and whether it is sure. Where it is not, z.
+    /// The vertical of a model of that size (any unit), and whether it is sure. In a near tie z.
     #[must_use]
     pub fn up(&self, size: DVec3) -> (char, bool) {
         let [_, y, z] = self.area_along;
         let ratio = |a: f64, b: f64| if a > 0.0 && b > 0.0 { (a / b).ln() } else { 0.0 };
         let lamps_along = |axis: usize| if self.emitted > 0.0 { self.emission[axis].abs() / self.emitted } else { 0.0 };
         let area = if y == 0.0 || z == 0.0 { SURE * (f64::from(y > 0.0) - f64::from(z > 0.0)) } else { ratio(y, z) };
-        let for_y = area + ratio(size.z, size.y) + LAMPS * (lamps_along(1) - lamps_along(2));
-        match for_y.abs() >= SURE {
-            true if for_y > 0.0 => ('y', true),
-            is_sure => ('z', is_sure),
+        let lamps = LAMPS * (lamps_along(1) - lamps_along(2));
+        let all = [area, ratio(size.z, size.y), lamps];
+        let for_y: f64 = all.iter().sum();
+        if for_y.abs() < SURE {
+            return ('z', false);
         }
+        let mut sides = size.to_array();
+        sides.sort_unstable_by(f64::total_cmp);
+        let is_long = sides[2] > LONG * sides[1] && sides[2] != size.x && lamps * for_y.signum() < DOUBT;
+        let is_doubted = is_long || all.iter().any(|evidence| evidence * for_y.signum() < -DOUBT);
+        (if for_y > 0.0 { 'y' } else { 'z' }, !is_doubted)
     }
 }
 
@@ -81,16 +92,25 @@ mod tests {
 
     #[test]
     fn a_corridor_with_lamps_below_its_ceiling_a_hall_and_a_tower_tell_their_vertical() {
-        assert_eq!(room(DVec3::new(20.0, 2.0, 3.0), Some(2)), ('z', true));
-        assert_eq!(room(DVec3::new(20.0, 3.0, 2.0), Some(1)), ('y', true));
+        assert_eq!(room(DVec3::new(20.0, 2.0, 3.0), Some(2)), ('z', false), "its walls speak for y");
+        assert_eq!(room(DVec3::new(20.0, 2.6, 2.4), Some(1)), ('y', true));
         assert_eq!(room(DVec3::new(20.0, 30.0, 3.0), None), ('z', true));
         assert_eq!(room(DVec3::new(20.0, 3.0, 30.0), None), ('y', true));
-        assert_eq!(room(DVec3::new(5.0, 5.0, 9.0), Some(2)), ('z', true));
+        assert_eq!(room(DVec3::new(5.0, 4.0, 2.8), Some(2)), ('z', true));
     }
 
     #[test]
-    fn a_cube_without_lamps_is_taken_to_stand_on_z_and_that_is_not_sure() {
-        assert_eq!(room(DVec3::splat(3.0), None), ('z', false));
-        assert_eq!(room(DVec3::new(3.0, 2.7, 3.0), None), ('z', false));
+    fn what_could_stand_either_way_stands_on_z_and_that_is_not_sure() {
+        for (size, lamps) in [
+            (DVec3::splat(3.0), None),
+            (DVec3::new(3.0, 2.7, 3.0), None),
+            // A corridor, and a room with a window in its long wall.
+            (DVec3::new(20.0, 2.0, 3.0), None),
+            (DVec3::new(5.0, 4.0, 2.8), Some(1)),
+        ] {
+            assert_eq!(room(size, lamps), ('z', false), "{size} {lamps:?}");
+        }
+        assert!(!room(DVec3::new(5.0, 5.0, 30.0), None).1, "a tower, or a corridor along z");
+        assert!(!room(DVec3::new(5.0, 5.0, 30.0), Some(2)).1, "its lamps speak for a tower");
     }
 }

@@ -49,18 +49,21 @@ impl Whereabouts {
 
 /// Faces drawn from all.
 #[derive(Default)]
-pub struct Sample(BinaryHeap<(u64, [u64; 6])>);
+pub struct Sample(BinaryHeap<(u64, [u64; 6], bool)>);
+
+/// A face's box, and whether it emits.
+type Seen = ([DVec3; 2], bool);
 
 impl Sample {
     /// Adds a face by its corners.
-    pub fn add(&mut self, points: &[DVec3]) {
+    pub fn add(&mut self, points: &[DVec3], emits: bool) {
         let (low, high) =
             points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
         let hash = mix_point(low) ^ mix_point(high).rotate_left(32);
         if self.0.len() < SAMPLED || self.0.peek().is_some_and(|largest| hash < largest.0) {
             let [a, b, c] = low.to_array().map(f64::to_bits);
             let [d, e, f] = high.to_array().map(f64::to_bits);
-            self.0.push((hash, [a, b, c, d, e, f]));
+            self.0.push((hash, [a, b, c, d, e, f], emits));
             if self.0.len() > SAMPLED {
                 self.0.pop();
             }
@@ -70,13 +73,13 @@ impl Sample {
     /// What they tell; `None` if there are none.
     #[must_use]
     pub fn whereabouts(self) -> Option<Whereabouts> {
-        let boxes: Vec<[DVec3; 2]> = (self.0.into_sorted_vec().into_iter())
-            .map(|(_, bits)| {
+        let faces: Vec<Seen> = (self.0.into_sorted_vec().into_iter())
+            .map(|(_, bits, emits)| {
                 let [a, b, c, d, e, f] = bits.map(f64::from_bits);
-                [DVec3::new(a, b, c), DVec3::new(d, e, f)]
+                ([DVec3::new(a, b, c), DVec3::new(d, e, f)], emits)
             })
             .collect();
-        let boxes = largest_part(boxes);
+        let boxes: Vec<[DVec3; 2]> = chief_part(faces).into_iter().map(|(corners, _)| corners).collect();
         let last = boxes.len().checked_sub(1)?;
         let middle = DVec3::from_array([0, 1, 2].map(|axis| {
             let mut all: Vec<f64> = boxes.iter().map(|[low, high]| 0.5 * (low[axis] + high[axis])).collect();
@@ -90,34 +93,54 @@ impl Sample {
     }
 }
 
-/// The faces on the more crowded side of every gap that is wider than [`WIDE`] times what lies on either side. Of two
-/// that are as crowded, those farther from zero: markers stand there.
-fn largest_part(mut boxes: Vec<[DVec3; 2]>) -> Vec<[DVec3; 2]> {
+/// The faces on the chief side of every gap that is wider than [`WIDE`] times what lies on either side: where more
+/// emit, or of two that are alike in this where there are more, or those farther from zero, where markers stand.
+fn chief_part(mut faces: Vec<Seen>) -> Vec<Seen> {
     let mut axis = 0;
     let mut uncut = 0;
-    while uncut < 3 && boxes.len() > 1 {
-        boxes.sort_by(|a, b| (a[0][axis] + a[1][axis]).total_cmp(&(b[0][axis] + b[1][axis])));
-        let middle = |i: usize| 0.5 * (boxes[i][0][axis] + boxes[i][1][axis]);
-        let gap = |i: usize| middle(i) - middle(i - 1);
-        let widest = (2..boxes.len()).fold(1, |w, i| if gap(i) > gap(w) { i } else { w });
+    while uncut < 3 && faces.len() > 1 {
+        let middle = |([low, high], _): &Seen| 0.5 * (low[axis] + high[axis]);
+        faces.sort_by(|a, b| middle(a).total_cmp(&middle(b)));
+        let gap = |i: usize| middle(&faces[i]) - middle(&faces[i - 1]);
+        let widest = (2..faces.len()).fold(1, |w, i| if gap(i) > gap(w) { i } else { w });
         let gap = gap(widest);
-        let size = |part: &[[DVec3; 2]]| {
-            let bounds = part.iter().fold(Bounds::EMPTY, |all, b| all.union(Bounds { min: b[0], max: b[1] }));
-            (bounds.size().max_element(), bounds.centre().length())
-        };
-        let ((low, low_away), (high, high_away)) = (size(&boxes[..widest]), size(&boxes[widest..]));
+        let (low, high) = (Part::of(&faces[..widest]), Part::of(&faces[widest..]));
         (axis, uncut) = ((axis + 1) % 3, uncut + 1);
-        if gap > WIDE * low.min(high) {
-            let (below, above) = (widest, boxes.len() - widest);
-            if below > above || (below == above && low_away > high_away) {
-                boxes.truncate(widest);
+        if gap > WIDE * low.size.min(high.size) {
+            if low.weight() > high.weight() {
+                faces.truncate(widest);
             } else {
-                boxes.drain(..widest);
+                faces.drain(..widest);
             }
             uncut = 0;
         }
     }
-    boxes
+    faces
+}
+
+/// Faces on one side of a gap.
+struct Part {
+    emitting: usize,
+    faces: usize,
+    size: f64,
+    from_zero: f64,
+}
+
+impl Part {
+    fn of(faces: &[Seen]) -> Self {
+        let add = |all: Bounds, ([min, max], _): &Seen| all.union(Bounds { min: *min, max: *max });
+        let bounds = faces.iter().fold(Bounds::EMPTY, add);
+        Self {
+            emitting: faces.iter().filter(|(_, emits)| *emits).count(),
+            faces: faces.len(),
+            size: bounds.size().max_element(),
+            from_zero: bounds.centre().length(),
+        }
+    }
+
+    fn weight(&self) -> (usize, usize, f64) {
+        (self.emitting, self.faces, self.from_zero)
+    }
 }
 
 #[cfg(test)]
@@ -133,11 +156,11 @@ mod tests {
         let corner = DVec3::new(500_000.0, 5_000_000.0, 100.0);
         let mut sample = Sample::default();
         for i in 0..10_000 {
-            sample.add(&tile(corner + DVec3::new(f64::from(i % 100), f64::from(i / 100), 0.0), 1.0));
+            sample.add(&tile(corner + DVec3::new(f64::from(i % 100), f64::from(i / 100), 0.0), 1.0), false);
         }
         let (marker, ground) = (tile(DVec3::ZERO, 1.0), tile(corner, 2e6));
-        sample.add(&marker);
-        sample.add(&ground);
+        sample.add(&marker, false);
+        sample.add(&ground, false);
         let found = sample.whereabouts().unwrap();
         assert!((20.0..80.0).contains(&found.radius), "{found:?}");
         assert!(found.is_far(&marker) && found.is_far(&ground));
@@ -150,8 +173,18 @@ mod tests {
         let corner = DVec3::new(500_000.0, 5_000_000.0, 100.0);
         let mut sample = Sample::default();
         for i in 0..6 {
-            sample.add(&tile(DVec3::splat(f64::from(i)), 1.0));
-            sample.add(&tile(corner + f64::from(i), 1.0));
+            sample.add(&tile(DVec3::splat(f64::from(i)), 1.0), false);
+            sample.add(&tile(corner + f64::from(i), 1.0), false);
+        }
+        let found = sample.whereabouts().unwrap();
+        assert!(found.is_far(&tile(DVec3::ZERO, 1.0)) && !found.is_far(&tile(corner, 1.0)), "{found:?}");
+        // A logo of more faces than a building that is lit.
+        let mut sample = Sample::default();
+        for i in 0..60 {
+            sample.add(&tile(DVec3::splat(f64::from(i) * 0.1), 0.1), false);
+            if i < 36 {
+                sample.add(&tile(corner + f64::from(i), 1.0), i == 0);
+            }
         }
         let found = sample.whereabouts().unwrap();
         assert!(found.is_far(&tile(DVec3::ZERO, 1.0)) && !found.is_far(&tile(corner, 1.0)), "{found:?}");
@@ -160,7 +193,7 @@ mod tests {
     #[test]
     fn one_face_is_where_the_model_is() {
         let mut sample = Sample::default();
-        sample.add(&tile(DVec3::splat(7.0), 2.0));
+        sample.add(&tile(DVec3::splat(7.0), 2.0), false);
         let found = sample.whereabouts().unwrap();
         assert!(found.radius > 0.0 && !found.is_far(&tile(DVec3::splat(7.0), 2.0)), "{found:?}");
         assert_eq!(Sample::default().whereabouts(), None);
