@@ -123,3 +123,55 @@ fn a_radiance_picture_says_what_is_up_in_it() {
     assert!(view(&[]).contains(" -vu 0 1 0 "), "{}", view(&[]));
     assert!(view(&["--view-up", "0,0,1"]).contains(" -vu 0 0 1 "));
 }
+
+#[test]
+fn what_is_written_never_lies_in_a_store_nor_on_what_is_read_and_devices_stay_devices() {
+    let dir = scene();
+    assert_eq!(said(dir.path(), &["ingest", "rooms.clr", "rooms.obj", "-q"]).0, 0);
+    std::fs::write(dir.path().join("p.csv"), "x,y,z,nx,ny,nz\n1,1,0,0,0,1\n").unwrap();
+    std::fs::write(dir.path().join("kept.csv"), "kept").unwrap();
+    std::os::unix::fs::symlink("rooms.clr/scene.sqlite", dir.path().join("link.csv")).unwrap();
+    std::os::unix::fs::symlink("kept.csv", dir.path().join("good.csv")).unwrap();
+    std::os::unix::fs::symlink("nothing.csv", dir.path().join("dangling.csv")).unwrap();
+    let sample =
+        |output: &str| said(dir.path(), &["sample", "rooms.clr", "--points", "p.csv", "-o", output, "--force", "-q"]);
+    for output in ["rooms.clr/scene.sqlite", "rooms.clr/new.csv", "rooms.clr/segments/a.csv", "link.csv", "./p.csv"] {
+        assert_eq!(sample(output).0, 2, "{output}");
+    }
+    assert_eq!(sample("dangling.csv").0, 1);
+    assert_eq!((sample("good.csv").0, sample("/dev/null").0), (0, 0));
+    assert!(std::fs::read_to_string(dir.path().join("kept.csv")).unwrap().lines().count() == 2, "through the link");
+    assert!(dir.path().join("good.csv").is_symlink() && !std::path::Path::new("/dev/null").is_file());
+    for (verb, output) in [("render", "rooms.clr/a.png"), ("export", "rooms.clr/a.csv")] {
+        assert_eq!(said(dir.path(), &[verb, "rooms.clr", "-o", output]).0, 2, "{verb}");
+    }
+    assert_eq!(said(dir.path(), &["check", "rooms.clr", "-q"]).0, 0);
+}
+
+#[test]
+fn a_fresh_run_that_cannot_work_empties_no_store() {
+    let dir = scene();
+    let (_, solved) = finish(&mut run(dir.path(), &[]));
+    for (flags, expected) in [(&["--fresh", "--memory", "48M"][..], 14), (&["--fresh", "--version", "1"], 2)] {
+        assert_eq!(finish(&mut run(dir.path(), flags)).0, expected, "{flags:?}");
+        assert_eq!(finish(&mut run(dir.path(), &[flags, &["--dry-run"]].concat())).0, expected, "{flags:?}");
+    }
+    assert_eq!(finish(&mut run(dir.path(), &[])).1["version"], solved["version"]);
+    let (code, text) = said(dir.path(), &["run", "rooms.obj", "--store", "new.clr", "--version", "5", "-q"]);
+    assert!(code == 2 && !dir.path().join("new.clr").exists(), "{code}: {text}");
+}
+
+#[test]
+fn lengths_and_numbers_beyond_all_models_are_refused() {
+    let dir = scene();
+    for args in [
+        &["ingest", "a.clr", "rooms.obj", "--snap", "1e300"][..],
+        &["ingest", "a.clr", "rooms.obj", "--snap", "1m"],
+        &["run", "rooms.obj", "--version", "18446744073709551615"],
+        &["gc", "a.clr", "--keep", "18446744073709551615"],
+    ] {
+        assert_eq!(said(dir.path(), args).0, 2, "{args:?}");
+    }
+    std::fs::create_dir(dir.path().join("clerestory.toml")).unwrap();
+    assert_eq!(said(dir.path(), &["ingest", "a.clr", "rooms.obj"]).0, 2, "a folder for a file of flags");
+}

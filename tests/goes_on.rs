@@ -179,3 +179,21 @@ fn without_a_version_the_materials_on_disk_decide_whatever_was_gone_on_from_befo
     assert_eq!(finish(&mut run(dir.path(), &[])).1["version"], again["version"], "then there is nothing to do");
     assert!(light_of(&store(dir.path())) == newest);
 }
+
+#[test]
+fn other_options_do_not_get_between_a_run_and_its_branch() {
+    let dir = scene();
+    let mut child = run(dir.path(), &["--workers", "1", "--min-element", "0.1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut refused = 0;
+    while child.try_wait().unwrap().is_none() {
+        let mut other = clerestory();
+        other.current_dir(dir.path()).args(["solve-group", "rooms.clr", "--next", "--tolerance", "0.2", "--wait", "0"]);
+        refused += u64::from(other.args(["-q", "--json"]).output().unwrap().status.code() == Some(11));
+    }
+    assert!(child.wait().unwrap().success() && refused > 0, "{refused} refused");
+    assert_sound(&store(dir.path()));
+}

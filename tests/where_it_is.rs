@@ -87,14 +87,15 @@ fn a_model_that_moves_is_another_in_every_unit() {
 }
 
 /// A corridor with a lamp below its ceiling, its vertical along z or y.
-fn corridor(vertical: usize) -> String {
+fn corridor(width: u32, vertical: usize) -> String {
+    let w = f64::from(width);
     let turn = |[x, y, z]: [f64; 3]| if vertical == 2 { [x, y, z] } else { [x, z, -y] };
     let mut obj = "usemtl grey\n".to_owned();
     for [a, b, c, d] in [
-        [[0., 0., 0.], [20., 0., 0.], [20., 2., 0.], [0., 2., 0.]],
-        [[0., 2., 3.], [20., 2., 3.], [20., 0., 3.], [0., 0., 3.]],
+        [[0., 0., 0.], [20., 0., 0.], [20., w, 0.], [0., w, 0.]],
+        [[0., w, 3.], [20., w, 3.], [20., 0., 3.], [0., 0., 3.]],
         [[0., 0., 3.], [20., 0., 3.], [20., 0., 0.], [0., 0., 0.]],
-        [[0., 2., 0.], [20., 2., 0.], [20., 2., 3.], [0., 2., 3.]],
+        [[0., w, 0.], [20., w, 0.], [20., w, 3.], [0., w, 3.]],
     ] {
         for [x, y, z] in [a, b, c, d].map(turn) {
             writeln!(obj, "v {x} {y} {z}").unwrap();
@@ -113,10 +114,11 @@ fn corridor(vertical: usize) -> String {
 fn a_corridor_has_more_wall_than_floor_and_stands_upright_and_a_doubt_names_the_flag() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.mtl"), FURNACE).unwrap();
-    for (vertical, up) in [(2, "z"), (1, "y")] {
-        std::fs::write(dir.path().join("a.obj"), format!("mtllib a.mtl\n{}", corridor(vertical))).unwrap();
+    for (width, vertical, up) in [(2, 2, "z"), (8, 2, "z"), (8, 1, "y")] {
+        std::fs::write(dir.path().join("a.obj"), format!("mtllib a.mtl\n{}", corridor(width, vertical))).unwrap();
         let said = json(&clerestory(dir.path(), &["ingest", "a.clr", "a.obj", "--json", "-q", "--fresh"]));
-        assert_eq!(said["up"], Value::from(up), "{said}");
+        let is_sure = width > 2;
+        assert_eq!((&said["up"], &said["up_is_sure"]), (&Value::from(up), &Value::from(is_sure)), "{width} m: {said}");
     }
     let mut cube = String::new();
     write_box(&mut cube, "cube", "grey", ([0.0; 3], [3.0; 3]), true);

@@ -7,6 +7,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::values::{Inner, PictureSize, Triple, degrees, length, seconds, share, size};
 
+/// Largest number that the catalogue holds.
+const MOST: u64 = i64::MAX as u64;
+
 /// Compute the diffuse global illumination of buildings far larger than memory
 #[derive(Parser, Debug)]
 #[command(name = "clerestory", version, disable_help_subcommand = true, arg_required_else_help = true)]
@@ -155,14 +158,14 @@ pub struct RunArgs {
     #[arg(long, value_name = "N", default_value = "200", value_parser = clap::value_parser!(u64).range(1..))]
     pub max_iterations: u64,
     /// Ends of iterations kept per branch, version 0 besides
-    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=MOST))]
     pub keep: u64,
     #[command(flatten)]
     pub workers: WorkersFlag,
     #[command(flatten)]
     pub seed: SeedFlag,
     /// Solution version to go on from [default: newest]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
     pub version: Option<u64>,
     #[command(flatten)]
     pub writing: WritingFlags,
@@ -307,7 +310,7 @@ pub struct SolveGroupArgs {
     #[command(flatten)]
     pub seed: SeedFlag,
     /// Solution version to go on from [default: newest]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
     pub version: Option<u64>,
     /// Print what would be done
     #[arg(long)]
@@ -442,7 +445,7 @@ pub struct GcArgs {
     /// Store folder
     pub store: PathBuf,
     /// Ends of iterations kept per branch, version 0 besides
-    #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u64).range(1..=MOST))]
     pub keep: u64,
     /// Print what would be done
     #[arg(long)]
@@ -476,7 +479,7 @@ pub struct SampleArgs {
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub snap: Option<f64>,
     /// Solution version [default: newest]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
     pub version: Option<u64>,
 }
 
@@ -502,7 +505,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "eye")]
     pub view_up: Option<Triple>,
     /// Solution version [default: newest]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
     pub version: Option<u64>,
 }
 
@@ -513,6 +516,6 @@ pub struct ExportArgs {
     #[command(flatten)]
     pub output: OutputFlags,
     /// Solution version [default: newest]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
     pub version: Option<u64>,
 }

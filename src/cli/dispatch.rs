@@ -319,9 +319,6 @@ fn do_run(args: &RunArgs, common: &Common, context: &Context<'_>) -> Result<Repo
             ingest::plan(&options)?;
             ingest::foresee(&options)?;
         }
-        if args.version.is_some() {
-            entry::version_to_read(&entry::open(&store, common.wait)?, args.version)?;
-        }
         let lines: Vec<String> = plan.commands.iter().map(|c| command_line(c)).collect();
         return Ok(Report::plan("run", store, &lines.join("\n")));
     }
@@ -357,6 +354,7 @@ fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report>
 fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     refuse_two_documents(&args.output.output, common)?;
     let store = entry::open(&args.store, common.wait)?;
+    output::keep_off(&args.output.output, &args.store, &[&args.points])?;
     output::check(&args.output.output, args.output.force)?;
     let version = entry::version_to_read(&store, args.version)?;
     if args.output.dry_run {
@@ -384,6 +382,7 @@ fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result
         threads: cores(),
         memory_bytes: common.memory,
     };
+    output::keep_off(&args.output.output, &args.store, &[])?;
     let plan = render::plan(&store, &options)?;
     if args.output.dry_run {
         let text = format!("draw version {} in {}", plan.version, shown(&args.output.output));
@@ -399,6 +398,7 @@ fn do_export(args: ExportArgs, common: &Common, context: &Context<'_>) -> Result
     let store = entry::open(&args.store, common.wait)?;
     let options =
         export::Options { output: args.output.output.clone(), force: args.output.force, version: args.version };
+    output::keep_off(&args.output.output, &args.store, &[])?;
     let plan = export::plan(&store, &options)?;
     if args.output.dry_run {
         let text = format!("write version {} to {}", plan.version, shown(&args.output.output));

@@ -182,11 +182,16 @@ fn flag_on(verb: &str, stage: &str, flag: &str) -> Option<String> {
 
 /// Values of `clerestory.toml`: flags at the top, or in a table named after the verb.
 fn file_values(path: &Path, command: &Command, verb: &str) -> Result<BTreeMap<String, String>> {
-    let Ok(text) = std::fs::read_to_string(path) else { return Ok(BTreeMap::new()) };
     let wrong = |what: String| Error::Usage {
         message: format!("{}: {what}", shown(path)),
         help: "write flags without dashes, like `link-cache = \"32M\"`".to_owned(),
     };
+    match std::fs::metadata(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(BTreeMap::new()),
+        Ok(meta) if !meta.is_file() => return Err(wrong("not a file".to_owned())),
+        _ => {}
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
     let table: toml::Table = text.parse().map_err(|e: toml::de::Error| wrong(e.message().to_owned()))?;
     let known = |flag: &str| {
         let all = command.get_subcommands().flat_map(Command::get_arguments).chain(command.get_arguments());
@@ -256,7 +261,13 @@ impl Resolved {
             let Ok(Some(raw)) = matches.try_get_raw(id) else { continue };
             let raw = raw.collect::<Vec<_>>().join(OsStr::new(" "));
             let value = raw.to_str().map_or_else(|| shown(&raw), str::to_owned);
-            let stored = stored(raw.as_bytes());
+            let stored = match flag.as_str() {
+                // Another command may be typed in another folder.
+                "materials" => {
+                    stored(std::path::absolute(&raw).unwrap_or_else(|_| raw.clone().into()).as_os_str().as_bytes())
+                }
+                _ => stored(raw.as_bytes()),
+            };
             let source = match matches.value_source(id) {
                 Some(ValueSource::CommandLine) => "flag",
                 _ => self.lower.get(&flag).map_or("default", |l| l.1),

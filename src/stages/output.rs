@@ -9,7 +9,13 @@ use crate::base::{Error, Result};
 
 enum Target {
     Stdout(io::Stdout),
-    File { file: BufWriter<File>, part: PathBuf, path: PathBuf },
+    /// A device or a pipe: written as it is, since nothing can take its place.
+    Stream(File),
+    File {
+        file: BufWriter<File>,
+        part: PathBuf,
+        path: PathBuf,
+    },
 }
 
 /// A file on its way; gone again unless finished.
@@ -27,6 +33,12 @@ pub fn check(path: &Path, force: bool) -> Result<()> {
     if path.is_dir() {
         return Err(Error::failed(format!("{}: a folder, not a file", shown(path)), "name a file in it"));
     }
+    if is_stream(path) {
+        return Ok(());
+    }
+    if path.is_symlink() && !path.exists() {
+        return Err(Error::failed(format!("{}: a link to nothing", shown(path)), "name a file"));
+    }
     if path.exists() && !force {
         return Err(Error::failed(
             format!("{}: the file is there already", shown(path)),
@@ -43,13 +55,42 @@ pub fn check(path: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
+/// Whether something is there that is neither a file nor a folder.
+fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|meta| !meta.is_file() && !meta.is_dir())
+}
+
+/// Refuses to write into a store, or over what the verb reads.
+pub fn keep_off(path: &Path, store: &Path, inputs: &[&Path]) -> Result<()> {
+    let usage = |what: &str| Error::Usage {
+        message: format!("{}: {what}", shown(path)),
+        help: "name another file for the output".to_owned(),
+    };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (Ok(folder), Ok(store)) = (folder.canonicalize(), store.canonicalize()) else { return Ok(()) };
+    let same = |other: &&Path| path.canonicalize().is_ok_and(|p| other.canonicalize().is_ok_and(|o| o == p));
+    if folder.starts_with(&store) || path.canonicalize().is_ok_and(|p| p.starts_with(&store)) {
+        return Err(usage("lies in the store"));
+    }
+    if inputs.iter().any(same) && !is_stream(path) {
+        return Err(usage("is what is read"));
+    }
+    Ok(())
+}
+
 impl Output {
-    /// Starts a file; `-` is stdout. It takes its name when finished.
+    /// Starts a file; `-` is stdout. It takes its name when finished; where that is a link, the name that it leads to.
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         check(path, force)?;
         if path.as_os_str() == "-" {
             return Ok(Self { target: Target::Stdout(io::stdout()), finished: true });
         }
+        if is_stream(path) {
+            let stream = File::options().write(true).open(path).map_err(|e| Error::io(path, &e))?;
+            return Ok(Self { target: Target::Stream(stream), finished: true });
+        }
+        let real = path.canonicalize();
+        let path = real.as_deref().unwrap_or(path);
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(format!(".part-{}", std::process::id()));
         let part = path.with_file_name(name);
@@ -62,6 +103,7 @@ impl Output {
     pub fn finish(mut self) -> Result<()> {
         match &mut self.target {
             Target::Stdout(stdout) => stdout.flush().map_err(|e| Error::io(Path::new("stdout"), &e)),
+            Target::Stream(stream) => stream.flush().map_err(|e| Error::io(Path::new("the output"), &e)),
             Target::File { file, part, path } => {
                 file.flush().map_err(|e| Error::io(part, &e))?;
                 std::fs::rename(&part, &path).map_err(|e| Error::io(path, &e))?;
@@ -76,6 +118,7 @@ impl Output {
     pub fn error(&self, source: &io::Error) -> Error {
         match &self.target {
             Target::Stdout(_) => Error::io(Path::new("stdout"), source),
+            Target::Stream(_) => Error::io(Path::new("the output"), source),
             Target::File { path, .. } => Error::io(path, source),
         }
     }
@@ -85,6 +128,7 @@ impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.target {
             Target::Stdout(stdout) => stdout.write(bytes),
+            Target::Stream(stream) => stream.write(bytes),
             Target::File { file, .. } => file.write(bytes),
         }
     }
@@ -92,6 +136,7 @@ impl Write for Output {
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.target {
             Target::Stdout(stdout) => stdout.flush(),
+            Target::Stream(stream) => stream.flush(),
             Target::File { file, .. } => file.flush(),
         }
     }
@@ -101,6 +146,7 @@ impl Seek for Output {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match &mut self.target {
             Target::Stdout(_) => Err(io::Error::other("stdout can't go back")),
+            Target::Stream(stream) => stream.seek(to),
             Target::File { file, .. } => file.seek(to),
         }
     }

@@ -127,6 +127,17 @@ impl super::summary::Summary for Summary {
 
 /// Lists what will be started.
 pub fn plan(options: &Options) -> Result<Plan> {
+    solve_group::require_least_memory(&options.solve)?;
+    if let Some(version) = options.solve.version {
+        let help = "leave out `--version`: there is nothing to go on from in a new store".to_owned();
+        let none = || Error::Usage { message: format!("there is no version {version} yet"), help };
+        match Store::open(&options.store, options.wait) {
+            Ok(store) if !options.is_fresh() => drop(entry::version_to_read(&store, Some(version))?),
+            Ok(_) => return Err(none()),
+            Err(Error::NoStore { .. }) if options.ingest.is_some() => return Err(none()),
+            Err(error) => return Err(error),
+        }
+    }
     if options.ingest.is_none() {
         Store::open(&options.store, options.wait)?;
     }

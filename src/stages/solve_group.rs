@@ -161,25 +161,39 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
             help: format!("give a number below {groups}, or `--next`"),
         });
     }
-    let needed = BASE_BYTES + options.link_cache_bytes;
-    if needed > options.memory_bytes {
-        return Err(Error::TooLarge {
-            message: format!(
-                "solving needs {} MiB, over the limit of {} MiB",
-                needed >> 20,
-                options.memory_bytes >> 20
-            ),
-            help: format!("give `--memory {}M`, or a smaller `--link-cache`", (needed >> 20) + 1),
-        });
-    }
+    require_least_memory(options)?;
     let min_element_m = tolerances::of(&facts, options.tolerance, options.min_element_m).min_element_m;
     Ok(Plan { store, options: options.clone(), facts, groups, min_element_m })
+}
+
+/// Refuses what does not suffice for any group.
+pub fn require_least_memory(options: &Options) -> Result<()> {
+    let needed = BASE_BYTES + options.link_cache_bytes;
+    if needed <= options.memory_bytes {
+        return Ok(());
+    }
+    Err(Error::TooLarge {
+        message: format!("solving needs {} MiB, over the limit of {} MiB", needed >> 20, options.memory_bytes >> 20),
+        help: format!("give `--memory {}M`, or a smaller `--link-cache`", (needed >> 20) + 1),
+    })
+}
+
+/// Refuses to open another branch under a run that goes on.
+fn require_no_other_run(store: &Store, settings: &SolveSettings) -> Result<()> {
+    let branch = store.branch(store.newest_branch()?)?;
+    let opens_another = branch.and_then(|b| b.options_hash).is_some_and(|hash| hash != settings.options_hash);
+    if opens_another && !store.is_coordinated()? && store.processes()?.iter().any(|p| p.holds_run_lock) {
+        return Err(Error::Busy { store: store.dir().to_path_buf(), holder: store.holder() });
+    }
+    Ok(())
 }
 
 /// Solves.
 pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dyn Progress) -> Result<Summary> {
     let (store, options) = (plan.store, &plan.options);
-    let iteration = store.open_iteration(options.version, &options.settings())?;
+    let settings = options.settings();
+    require_no_other_run(store, &settings)?;
+    let iteration = store.open_iteration(options.version, &settings)?;
     let mut summary = Summary {
         converged: iteration.converged,
         branch: iteration.branch,

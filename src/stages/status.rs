@@ -112,7 +112,9 @@ pub fn read(store: &Store, _options: &Options) -> Result<Summary> {
         None => 0,
     };
     if summary.next.is_none() {
-        let all_done = counts.is_some_and(|c| c.free + c.running + c.failed == 0);
+        // Updates of two branches cannot be merged: going on with one drops those of the other.
+        let one_waits = store.branches_to_merge()?.len() < 2;
+        let all_done = one_waits && counts.is_some_and(|c| c.free + c.running + c.failed == 0);
         summary.next = Some(match (summary.converged, all_done) {
             (true, _) => format!("clerestory render {dir} -o picture.png"),
             (false, true) => format!("clerestory merge {dir}"),

@@ -123,7 +123,7 @@ impl Store {
     }
 
     /// Who to name when the store is busy: the coordinator, or else the first process.
-    pub(super) fn holder(&self) -> String {
+    pub fn holder(&self) -> String {
         let mut all = self.processes().unwrap_or_default();
         all.retain(|p| p.pid != std::process::id());
         all.iter().find(|p| p.holds_run_lock).or(all.first()).map_or_else(

@@ -18,6 +18,8 @@ use crate::geom::bounds::Bounds;
 const WIDEST_TYPICAL_M: f64 = 60.0;
 /// Snap length as a share of the bounding diagonal.
 const SNAP: f64 = 1e-5;
+/// Longest that may be given, as such a share.
+const MOST_SNAP: f64 = 0.01;
 /// Longest that it is by itself, m, however large the model.
 const MOST_SNAP_M: f64 = 1e-3;
 
@@ -125,6 +127,18 @@ impl Survey {
         let whole = if self.is_empty() { 0.0 } else { self.bounds.size().length() };
         let diagonal_m = self.most().map_or(whole, |around| 2.0 * around.radius) * metres_per_unit;
         (SNAP * diagonal_m).min(MOST_SNAP_M).max(2.0 * f64::from(f32::EPSILON) * diagonal_m)
+    }
+
+    /// Refuses a snap length that would melt the model.
+    pub fn refuse_snap(&self, snap_m: f64, metres_per_unit: f64) -> Result<()> {
+        let size_m = self.bounds.size().length() * metres_per_unit;
+        if self.is_empty() || snap_m <= MOST_SNAP * size_m {
+            return Ok(());
+        }
+        Err(Error::Usage {
+            message: format!("`--snap` of {snap_m:e} m is over a hundredth of the model's {size_m:.3} m"),
+            help: "give a length that nothing but rounding is shorter than, or leave out `--snap`".to_owned(),
+        })
     }
 
     fn is_empty(&self) -> bool {

@@ -54,6 +54,7 @@ impl Made {
         let frame = survey.frame(unit);
         let far = Far::of(&survey, frame);
         let snap_m = options.snap_m.unwrap_or(survey.snap_m(unit));
+        survey.refuse_snap(snap_m, unit)?;
         let mut raw = RecordFile::create(dir, "raw", cache)?;
         pieces::make(&mut spilled, (frame, survey.whereabouts), snap_m, &mut raw, progress)?;
         let search = Search { dir, memory_bytes: options.memory.share(10), snap_m, materials: &materials };
