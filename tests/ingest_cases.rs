@@ -50,6 +50,15 @@ fn a_box_of_triangles_and_a_box_of_quads_are_the_same_patches() {
 }
 
 #[test]
+fn a_quad_that_crosses_itself_is_named_and_one_that_is_bent_or_concave_is_not() {
+    let corners = "v 0 0 0\nv 4 0 0\nv 4 3 0\nv 0 3 0\nv 4 3 0.5\nv 1 1 0\n";
+    for (face, named) in [("f 1 3 2 4", true), ("f 1 2 3 4", false), ("f 1 2 5 4", false), ("f 1 2 6 4", false)] {
+        let (said, _) = ingest_text(&format!("{corners}f 1 2 3\n{face}\n"));
+        assert_eq!(said.contains("cross themselves, first") && said.contains("model.obj:8"), named, "{face}: {said}");
+    }
+}
+
+#[test]
 fn units_scale_lengths_and_areas() {
     let dir = tempfile::tempdir().unwrap();
     let model = write(dir.path(), "model.obj", &format!("{BOX}{}", quads()));

@@ -16,7 +16,7 @@ use super::tree::Rules;
 use super::typical::{self, Far};
 use super::write::{self, NewMaterials, Source, Totals, Writers};
 use super::{Options, Summary, join, pieces, summary};
-use crate::base::text::stored;
+use crate::base::text::{shown, stored};
 use crate::base::{Error, Progress, Result};
 use crate::formats::mtl;
 use crate::store::stage_rows::hash;
@@ -74,6 +74,12 @@ impl Made {
         }
         for warning in survey.warnings(unit, typical_m, &paths).into_iter().chain(spilled.skipped.warnings(&paths)) {
             progress.warn(&warning);
+        }
+        if let Some((n, first)) = spilled.crossing {
+            let place = format!("{}:{}", shown(&paths[first.file as usize]), first.line);
+            progress.warn(&format!(
+                "{n} faces cross themselves, first {place}: what they enclose twice, or turned, is a guess"
+            ));
         }
         for (what, n) in &spilled.ignored {
             progress.warn(&format!("{n} {what} ignored: they have no area"));

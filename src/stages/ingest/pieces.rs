@@ -120,6 +120,10 @@ fn one_face(
         }
     }
     if made > 0 {
+        // Halves that turn against each other leave no area between them, and no turn that can be told.
+        if points.len() > 3 && (is_needle(&points) || (turns(&points).abs() - 1.0).abs() > 0.5) {
+            spilled.crossing.get_or_insert((0, face.source)).0 += 1;
+        }
         return Ok(());
     }
     match whereabouts.filter(|around| !is_needle(&named) && around.is_far(&named)) {

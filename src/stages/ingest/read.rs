@@ -66,6 +66,8 @@ pub struct Spilled {
     pub skipped: Skipped,
     /// Records without area -> how many.
     pub ignored: BTreeMap<&'static str, u64>,
+    /// Faces that cross themselves: how many, and the first.
+    pub crossing: Option<(u64, Source)>,
 }
 
 /// What holds at a place in a file.
@@ -98,6 +100,7 @@ impl Spilled {
             polygons: 0,
             skipped: Skipped::create(dir)?,
             ignored: BTreeMap::new(),
+            crossing: None,
         })
     }
 
