@@ -51,6 +51,20 @@ fn gc_works_on_a_full_disk_and_gives_back_more_than_its_reserve() {
     assert_eq!((solve("0.1"), solve("0.05")), (0, 0));
     fill(dir);
     let store = dir.join("rooms.clr");
+    // Who only reads needs no room.
+    let elsewhere = tempfile::tempdir().unwrap();
+    std::fs::write(elsewhere.path().join("points.csv"), "x,y,z,nx,ny,nz\n2,1.5,0,0,0,1\n").unwrap();
+    let reading: [&[&str]; 4] = [
+        &["status", "STORE"],
+        &["check", "STORE"],
+        &["export", "STORE", "-o", "x.csv"],
+        &["sample", "STORE", "--points", "points.csv", "-o", "-"],
+    ];
+    for args in reading {
+        let args = args.iter().map(|arg| if *arg == "STORE" { store.as_os_str() } else { arg.as_ref() });
+        let output = clerestory().current_dir(elsewhere.path()).args(args).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    }
     let (code, freed) = finish(clerestory().args(["gc", "--keep", "1", "--json"]).arg(&store));
     assert_eq!(code, 0, "{freed}");
     assert!(freed["versions_removed"].as_u64().unwrap() > 0, "{freed}");

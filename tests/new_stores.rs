@@ -34,9 +34,20 @@ fn files(dir: &Path) -> BTreeSet<PathBuf> {
 
 #[test]
 fn a_folder_that_holds_other_files_is_refused_and_keeps_them() {
-    for (name, text) in
-        [("rooms.clr/notes.txt", "mine"), ("rooms.clr/segments/photo.jpg", "mine"), ("rooms.clr", "file")]
-    {
+    for (name, text) in [
+        ("rooms.clr/notes.txt", "mine"),
+        ("rooms.clr/segments/photo.jpg", "mine"),
+        ("rooms.clr", "file"),
+        // Names of ours do not make files ours.
+        ("rooms.clr/reserve", "mine"),
+        ("rooms.clr/run.lock", "mine"),
+        ("rooms.clr/visibility.spool", "mine"),
+        ("rooms.clr/scratch-ingest/thesis.txt", "mine"),
+        ("rooms.clr/logs/diary.txt", "mine"),
+        ("rooms.clr/segments/000001-photo.seg", "mine"),
+        ("rooms.clr/scene.sqlite", "no database"),
+        ("rooms.clr/scene.sqlite-wal", "mine"),
+    ] {
         let dir = scene();
         let path = dir.path().join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -52,6 +63,69 @@ fn a_folder_that_holds_other_files_is_refused_and_keeps_them() {
             }
         }
     }
+}
+
+#[test]
+fn another_programs_database_is_refused_and_nothing_is_made_beside_it() {
+    let dir = scene();
+    let store = dir.path().join("rooms.clr");
+    std::fs::create_dir(&store).unwrap();
+    let catalogue = rusqlite::Connection::open(store.join("scene.sqlite")).unwrap();
+    catalogue.execute_batch("CREATE TABLE songs (name TEXT); PRAGMA user_version = 2").unwrap();
+    drop(catalogue);
+    let (before, bytes) = (files(dir.path()), std::fs::read(store.join("scene.sqlite")).unwrap());
+    for args in [&["ingest", "rooms.clr", "rooms.obj"][..], &["run", "rooms.obj"]] {
+        for fresh in [&[][..], &["--fresh"]] {
+            let output = clerestory().current_dir(dir.path()).args(args).args(fresh).output().unwrap();
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{args:?} {fresh:?}: {said}");
+            assert_eq!(files(dir.path()), before, "{args:?} {fresh:?}");
+            assert!(std::fs::read(store.join("scene.sqlite")).unwrap() == bytes, "{args:?} {fresh:?}");
+        }
+    }
+}
+
+#[test]
+fn gc_takes_no_file_named_reserve_from_a_folder_that_is_no_store_nor_one_that_is_not_ours() {
+    let dir = scene();
+    let gc = |name: &str| clerestory().current_dir(dir.path()).args(["gc", name, "-q"]).status().unwrap().code();
+    assert_eq!(finish(&mut run(dir.path(), &[])).0, 0);
+    let ours = std::fs::read(dir.path().join("rooms.clr/reserve")).unwrap();
+    std::fs::create_dir(dir.path().join("papers")).unwrap();
+    let reserve = dir.path().join("papers/reserve");
+    let catalogue = dir.path().join("papers/scene.sqlite");
+    for (database, code) in [("", 10), ("noise, not a database", 12)] {
+        if !database.is_empty() {
+            std::fs::write(&catalogue, database).unwrap();
+        }
+        for text in [&b"mine"[..], &vec![7; ours.len()]] {
+            std::fs::write(&reserve, text).unwrap();
+            assert_eq!(gc("papers"), Some(code), "{database}");
+            assert!(std::fs::read(&reserve).unwrap() == text, "{database}");
+        }
+    }
+    // In a store of ours, somebody else's.
+    for text in [&b"mine"[..], &vec![7; ours.len()]] {
+        std::fs::write(dir.path().join("rooms.clr/reserve"), text).unwrap();
+        assert_eq!(gc("rooms.clr"), Some(0));
+        assert!(std::fs::read(dir.path().join("rooms.clr/reserve")).unwrap() == text);
+    }
+}
+
+#[test]
+fn a_catalogue_that_was_set_aside_is_never_overwritten() {
+    let dir = scene();
+    assert_eq!(finish(&mut run(dir.path(), &[])).0, 0);
+    let store = dir.path().join("rooms.clr");
+    for noise in [1u8, 2] {
+        std::fs::write(store.join("scene.sqlite"), vec![noise; 8192]).unwrap();
+        let args = ["ingest", "rooms.clr", "rooms.obj", "--fresh", "-q"];
+        assert_eq!(clerestory().current_dir(dir.path()).args(args).status().unwrap().code(), Some(0));
+    }
+    for (name, noise) in [("scene.sqlite.damaged", 1), ("scene.sqlite.damaged2", 2)] {
+        assert!(std::fs::read(store.join(name)).unwrap() == vec![noise; 8192], "{name}");
+    }
+    assert_sound(&store);
 }
 
 #[test]

@@ -176,6 +176,43 @@ fn verbs_that_write_say_that_the_store_may_only_be_read_and_what_to_do() {
 }
 
 #[test]
+fn the_copy_that_is_advised_takes_a_free_name_and_can_be_written() {
+    let scene = Scene::new();
+    scene.lock_up();
+    std::fs::create_dir(scene.dir.path().join("copy.clr")).unwrap();
+    allow(scene.dir.path(), 0o777);
+    let said = String::from_utf8_lossy(&scene.as_nobody(&["gc", "rooms.clr"]).stderr).into_owned();
+    let advice = said.split('`').nth(1).unwrap_or_else(|| panic!("{said}"));
+    assert!(advice.contains("copy-2.clr"), "{said}");
+    let mut shell = Command::new("sh");
+    shell.current_dir(scene.dir.path()).args(["-c", advice]);
+    if is_root() {
+        shell.uid(NOBODY).gid(NOBODY);
+    }
+    assert!(shell.status().unwrap().success(), "{advice}");
+    let output = scene.as_nobody(&["gc", "copy-2.clr"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    scene.unlock();
+}
+
+#[test]
+fn a_store_that_one_may_not_even_read_is_said_to_be_one() {
+    let scene = Scene::new();
+    for (name, mode) in [("", 0o600), ("scene.sqlite", 0o000)] {
+        scene.unlock();
+        allow(&scene.store().join(name), mode);
+        for verb in ["status", "check", "gc"] {
+            let output = scene.as_nobody(&[verb, "rooms.clr"]);
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{name}, {verb}: {said}");
+            assert!(said.contains("permission"), "{name}, {verb}: {said}");
+            assert!(!said.contains("has room"), "{name}, {verb}: {said}");
+        }
+    }
+    scene.unlock();
+}
+
+#[test]
 fn an_old_store_that_may_only_be_read_is_read_as_it_is() {
     let scene = Scene::new();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/old_stores/format_1");

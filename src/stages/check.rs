@@ -116,7 +116,8 @@ impl Checker<'_> {
             Ok(())
         })?;
         self.whole("rows", |checker| {
-            for (table, detail) in checker.store.broken_seals()? {
+            let broken = checker.store.broken_seals()?;
+            for (table, detail) in broken.into_iter().chain(checker.store.impossible_rows()?) {
                 checker.add("catalogue", &path, table, detail);
             }
             Ok(())
@@ -240,6 +241,10 @@ impl Checker<'_> {
 
 /// Verifies a store. Damages are in the summary, not in the error.
 pub fn execute(store: &Store, _options: &Options, progress: &dyn Progress) -> Result<Summary> {
+    verify(store, progress).map_err(|error| store.named(error))
+}
+
+fn verify(store: &Store, progress: &dyn Progress) -> Result<Summary> {
     let mut checker = Checker { store, summary: Summary::default(), known: BTreeSet::new() };
     checker.catalogue()?;
     let has_model = checker.has_model()?;

@@ -70,6 +70,10 @@ impl super::summary::Summary for Summary {
 
 /// Reads where the store stands.
 pub fn read(store: &Store, _options: &Options) -> Result<Summary> {
+    look(store).map_err(|error| store.named(error))
+}
+
+fn look(store: &Store) -> Result<Summary> {
     let stages = [Stage::Ingest, Stage::Visibility, Stage::Partition]
         .into_iter()
         .map(|stage| {

@@ -55,10 +55,19 @@ impl Store {
     pub fn newest_version(&self) -> Result<u64> {
         let newest: Option<u64> =
             self.connection().prepare_cached("SELECT max(id) FROM solution_versions")?.query_row([], |r| r.get(0))?;
-        newest.ok_or_else(|| Error::StageMissing {
-            message: format!("{}: no model in this store", shown(self.dir())),
-            help: format!("run `clerestory ingest {} MODEL.obj` first", crate::base::text::for_shell(self.dir())),
-        })
+        match newest {
+            Some(newest) => Ok(newest),
+            None if self.facts_if_any()?.is_some() => Err(self.lacks("there is a model, but no solution version")),
+            None => Err(Error::StageMissing {
+                message: format!("{}: no model in this store", shown(self.dir())),
+                help: format!("run `clerestory ingest {} MODEL.obj` first", crate::base::text::for_shell(self.dir())),
+            }),
+        }
+    }
+
+    /// The damage of rows that must be there.
+    pub(super) fn lacks(&self, what: &str) -> Error {
+        Error::damaged(&self.dir().join(super::sql::CATALOGUE), what)
     }
 
     /// A version's place and figures.
@@ -71,7 +80,8 @@ impl Store {
         self.newest_version()?;
         let mut query =
             self.connection().prepare_cached("SELECT max(id) FROM solution_versions WHERE is_iteration_end = 1")?;
-        Ok(query.query_row([], |r| r.get(0))?)
+        let end: Option<u64> = query.query_row([], |r| r.get(0))?;
+        end.ok_or_else(|| self.lacks("no solution version ends an iteration"))
     }
 
     /// The newest end of an iteration of a branch, or the version that the branch starts from.
@@ -80,7 +90,8 @@ impl Store {
             "SELECT coalesce((SELECT max(id) FROM solution_versions WHERE branch = ?1 AND is_iteration_end = 1),
                              (SELECT base_version FROM branches WHERE id = ?1))",
         )?;
-        Ok(query.query_row([branch], |r| r.get(0))?)
+        let end: Option<u64> = query.query_row([branch], |r| r.get(0))?;
+        end.ok_or_else(|| self.lacks(&format!("branch {branch} has no version to start from")))
     }
 
     /// Ends of iterations of a branch, its start not counted.

@@ -10,12 +10,14 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use super::connection::{self, Access};
 use super::extent::Mappings;
-use super::files::SEGMENTS;
+use super::files::{self, SEGMENTS};
 use super::locks::Joined;
+use super::ownership::{self, Catalogue};
 use super::schema::{self, FORMAT};
 use super::seals::Ledger;
-use super::sql::CATALOGUE;
+use super::sql::{CATALOGUE, FULL};
 use super::{folder, locks, mounts, reserve, seals};
+use crate::base::text::shown;
 use crate::base::{Error, Result};
 
 /// Every table but `segments` (rows go with their files), `seals` and `processes`; referring ones first.
@@ -58,6 +60,8 @@ pub struct Store {
     wait: Duration,
     pub(super) mappings: RefCell<Mappings>,
     readers: Option<Arc<File>>,
+    /// Whether one may only read because the disk is full.
+    is_full: bool,
 }
 
 impl Store {
@@ -65,10 +69,7 @@ impl Store {
     /// short). `wait` is for a busy store.
     pub fn create(dir: &Path, wait: Duration) -> Result<Self> {
         folder::refuse_foreign(dir)?;
-        let store = Self::enter(dir, wait, true)?;
-        store.require_writable()?;
-        reserve::keep(dir);
-        Ok(store)
+        Self::make(dir, wait)
     }
 
     /// Like [`Store::create`], for a store that is going to be emptied: where the catalogue is damaged, it is
@@ -81,7 +82,14 @@ impl Store {
             _ => {}
         }
         folder::set_catalogue_aside(dir, wait)?;
-        Self::create(dir, wait)
+        Self::make(dir, wait)
+    }
+
+    fn make(dir: &Path, wait: Duration) -> Result<Self> {
+        let store = Self::enter(dir, wait, true)?;
+        store.require_writable()?;
+        reserve::keep(dir);
+        Ok(store)
     }
 
     /// Opens the store in `dir`, only to read where one may not write; exit code 10 if there is none.
@@ -93,8 +101,16 @@ impl Store {
         let catalogue = dir.join(CATALOGUE);
         for _ in 0..TRIES {
             match catalogue.symlink_metadata() {
+                // Beside what is somebody else's no lock is made.
+                Ok(meta) if meta.is_file() && !locks::has_been_joined(dir) => {
+                    if ownership::look(dir) == Catalogue::Foreign {
+                        let error = Error::damaged(&catalogue, "it is no catalogue of a store");
+                        return Err(schema::complete(error, dir));
+                    }
+                }
                 Ok(meta) if meta.is_file() => {}
                 Ok(_) => return Err(Error::damaged(&catalogue, "it is not a plain file")),
+                Err(e) if files::is_refusal(&e) => return Err(connection::forbidden(dir)),
                 Err(_) if !create => return Err(Error::NoStore { store: dir.to_path_buf() }),
                 Err(_) => std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, &e))?,
             }
@@ -122,24 +138,30 @@ impl Store {
             wait,
             mappings: RefCell::new(Mappings::new()),
             readers: readers.clone(),
+            is_full: false,
         };
         let opened = || -> Result<Self> {
+            let mut is_full = false;
             if access == Access::Write {
                 let store = over(connection::to_write(&path, create)?, access);
                 match store.begin() {
                     Ok(true) => return Ok(store),
+                    Err(error) if !create && connection::is_without_room(&error) => is_full = true,
                     Err(error) if create || !connection::is_refusal(&error) => return Err(error.into()),
                     // The catalogue, or the folder, may not be written.
                     _ => {}
                 }
             }
-            Ok(over(connection::to_read(&path, dir)?, Access::Read))
+            Ok(Self { is_full, ..over(connection::to_read(&path, dir)?, Access::Read) })
         };
         let prepare = |mut store: Self| match store.prepare(create) {
             Ok(()) => Ok(store),
             Err(error) => Err(store.named(error)),
         };
-        opened().and_then(prepare).map_err(|error| schema::complete(error, dir))
+        opened().and_then(prepare).map_err(|error| match error {
+            Error::Failed { .. } if connection::is_forbidden(&path) => connection::forbidden(&dir.join(CATALOGUE)),
+            error => schema::complete(error, dir),
+        })
     }
 
     /// The first touch of a catalogue that will be worked on; whether it can be.
@@ -163,13 +185,15 @@ impl Store {
         if version > FORMAT {
             return Err(schema::newer(&self.dir, version));
         }
-        if (version > 0 && (ours < 3 || strange > 0)) || (version == 0 && all > 0) {
+        if version == 0 && all > 0 && create && ours == 0 {
+            return Err(folder::refused(&self.dir, folder::NO_CATALOGUE));
+        }
+        if (version > 0 && (ours == 0 || strange > 0)) || (version == 0 && all > 0) {
             let detail = "it is a database, but no catalogue of a store";
-            return Err(if create {
-                folder::refused(&self.dir, detail)
-            } else {
-                Error::damaged(&self.dir.join(CATALOGUE), detail)
-            });
+            return Err(Error::damaged(&self.dir.join(CATALOGUE), detail));
+        }
+        if version > 0 {
+            self.require_tables()?;
         }
         if version == 0 && !create {
             return Err(Error::NoStore { store: self.dir.clone() });
@@ -189,6 +213,15 @@ impl Store {
             return Ok(());
         }
         self.transaction(schema::apply)
+    }
+
+    /// Fails with damage where the catalogue does not have the tables of its format.
+    fn require_tables(&self) -> Result<()> {
+        // Another process may be bringing it to today's format: one state of it.
+        self.read(|| {
+            let version = self.connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
+            schema::require_tables(&self.connection, version)
+        })
     }
 
     /// The store's folder.
@@ -227,6 +260,9 @@ impl Store {
     pub(super) fn require_writable(&self) -> Result<()> {
         if self.is_writable() {
             return Ok(());
+        }
+        if self.is_full {
+            return Err(Error::failed(format!("{}: {FULL}", shown(&self.dir)), self.room_help()));
         }
         Err(connection::unwritable(&self.dir))
     }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
+use super::files::{self, For};
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
@@ -23,6 +24,15 @@ pub(super) enum Access {
 pub(super) fn is_refusal(error: &rusqlite::Error) -> bool {
     use ErrorCode::{CannotOpen, PermissionDenied, ReadOnly};
     matches!(error.sqlite_error_code(), Some(ReadOnly | CannotOpen | PermissionDenied))
+}
+
+/// Whether SQLite failed because the disk is full: also where it could not make the index of its log.
+pub(super) fn is_without_room(error: &rusqlite::Error) -> bool {
+    use rusqlite::ffi::{
+        SQLITE_FULL, SQLITE_IOERR_SHMMAP, SQLITE_IOERR_SHMOPEN, SQLITE_IOERR_SHMSIZE, SQLITE_IOERR_WRITE,
+    };
+    let codes = [SQLITE_FULL, SQLITE_IOERR_SHMMAP, SQLITE_IOERR_SHMOPEN, SQLITE_IOERR_SHMSIZE, SQLITE_IOERR_WRITE];
+    error.sqlite_error().is_some_and(|error| codes.contains(&error.extended_code))
 }
 
 /// Opens a catalogue to work on it.
@@ -97,5 +107,22 @@ pub(super) fn unwritable(dir: &Path) -> Error {
 }
 
 fn copy_help(dir: &Path) -> String {
-    format!("work on a copy: `cp -r {} copy.clr`", for_shell(dir))
+    let names = std::iter::once("copy.clr".to_owned()).chain((2..).map(|number: u32| format!("copy-{number}.clr")));
+    let free = |name: &String| Path::new(name).symlink_metadata().is_err();
+    let copy = names.into_iter().find(free).expect("numbers do not end");
+    format!("work on a copy: `cp -r {} {copy} && chmod -R u+w {copy}`", for_shell(dir))
+}
+
+/// Whether a catalogue may not even be read. Only where it could not be opened: closing a file takes the locks of
+/// all connections of this process from it.
+pub(super) fn is_forbidden(path: &Path) -> bool {
+    files::try_open(path, For::Reading).is_err_and(|error| files::is_refusal(&error))
+}
+
+/// What is said where one may not even look.
+pub(super) fn forbidden(path: &Path) -> Error {
+    Error::failed(
+        format!("{}: permission denied: you may not read this store", shown(path)),
+        "ask its owner for permission to read it, or name another store",
+    )
 }

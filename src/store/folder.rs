@@ -7,7 +7,8 @@ use rusqlite::{Connection, OpenFlags};
 
 use super::files::{self, For, SEGMENTS};
 use super::locks::{self, PUBLISH, READERS, RUN};
-use super::reserve::RESERVE;
+use super::ownership::{self, Catalogue};
+use super::reserve::{self, RESERVE};
 use super::sql::CATALOGUE;
 use crate::base::text::shown;
 use crate::base::{Error, Result};
@@ -16,25 +17,40 @@ use crate::base::{Error, Result};
 const SCRATCH: &str = "scratch-ingest";
 /// Folder of logs.
 pub(super) const LOGS: &str = "logs";
-/// What SQLite and setting a damaged catalogue aside append to its name.
-const ENDINGS: [&str; 5] = ["", "-wal", "-shm", "-journal", ".damaged"];
+/// What SQLite appends to the name of a catalogue.
+const ENDINGS: [&str; 4] = ["", "-wal", "-shm", "-journal"];
+/// What setting a damaged catalogue aside appends to its name, before a number.
+const ASIDE: &str = ".damaged";
 
-/// Whether a name in a store's folder is one that we give.
-fn is_ours(name: &str) -> bool {
-    [RUN, PUBLISH, READERS, RESERVE, SEGMENTS, LOGS, SCRATCH, "visibility.spool"].contains(&name)
-        || name.strip_prefix(CATALOGUE).is_some_and(|ending| ENDINGS.contains(&ending))
+/// Whether what lies under a name in a folder without a catalogue may stay from the making of a store that was
+/// cut short: nothing in it is anybody else's.
+fn is_left_over(dir: &Path, name: &str, catalogue: Catalogue) -> bool {
+    let path = dir.join(name);
+    match name {
+        RESERVE => reserve::is_begun(dir) || ownership::is_empty(&path),
+        SEGMENTS => path.symlink_metadata().is_ok_and(|meta| meta.is_dir()),
+        RUN | PUBLISH | READERS | LOGS | SCRATCH | "visibility.spool" => ownership::is_empty(&path),
+        _ => name.strip_prefix(CATALOGUE).is_some_and(|ending| {
+            // What was set aside is never touched.
+            let of_sqlite = ENDINGS.contains(&ending);
+            ending.starts_with(ASIDE) || (of_sqlite && (catalogue == Catalogue::Unmade || ownership::is_empty(&path)))
+        }),
+    }
 }
 
 /// The first name in a folder that `known` does not know.
-fn foreign(dir: &Path, known: fn(&str) -> bool) -> Result<Option<String>> {
+fn foreign(dir: &Path, known: impl Fn(&str) -> bool) -> Result<Option<String>> {
     for entry in std::fs::read_dir(dir).map_err(|e| Error::io(dir, &e))? {
         let name = entry.map_err(|e| Error::io(dir, &e))?.file_name();
-        if !name.to_str().is_some_and(known) {
+        if !name.to_str().is_some_and(&known) {
             return Ok(Some(shown(name)));
         }
     }
     Ok(None)
 }
+
+/// What is said of a catalogue that is somebody else's.
+pub(super) const NO_CATALOGUE: &str = "its scene.sqlite is no catalogue of a store";
 
 /// What is said of a folder in which no store is made.
 pub(super) fn refused(dir: &Path, why: &str) -> Error {
@@ -52,12 +68,20 @@ pub(super) fn refuse_foreign(dir: &Path) -> Result<()> {
         Err(e) => return Err(Error::io(dir, &e)),
         Ok(_) => {}
     }
-    let mut alien = foreign(dir, is_ours)?;
-    if dir.join(CATALOGUE).symlink_metadata().is_ok() {
-        return Ok(());
+    let catalogue = ownership::look(dir);
+    match catalogue {
+        Catalogue::Ours => return Ok(()),
+        Catalogue::Foreign => return Err(refused(dir, NO_CATALOGUE)),
+        Catalogue::Absent | Catalogue::Unmade => {}
     }
-    if alien.is_none() && dir.join(SEGMENTS).is_dir() {
-        alien = foreign(&dir.join(SEGMENTS), files::is_segment_name)?;
+    let mut alien = foreign(dir, |name| is_left_over(dir, name, catalogue))?;
+    let segments = dir.join(SEGMENTS);
+    if alien.is_none() && segments.is_dir() {
+        alien = foreign(&segments, |name| files::is_segment_name(name) && ownership::is_segment(&segments.join(name)))?;
+    }
+    // Somebody may have made the store meanwhile.
+    if ownership::look(dir) == Catalogue::Ours {
+        return Ok(());
     }
     match alien {
         Some(name) => Err(refused(dir, &format!("it is no store, and holds other files ({name})"))),
@@ -78,6 +102,8 @@ pub fn unmake(dir: &Path) {
         return;
     }
     let remove = |name: &str| drop(std::fs::remove_file(dir.join(name)));
+    // While the catalogue still says that they are ours.
+    let _ = std::fs::remove_dir_all(dir.join(SCRATCH));
     for entry in std::fs::read_dir(dir.join(SEGMENTS)).into_iter().flatten().flatten() {
         if entry.file_name().to_str().is_some_and(files::is_segment_name) {
             remove(&format!("{SEGMENTS}/{}", entry.file_name().to_string_lossy()));
@@ -89,7 +115,6 @@ pub fn unmake(dir: &Path) {
     for name in [RUN, PUBLISH, RESERVE] {
         remove(name);
     }
-    let _ = std::fs::remove_dir_all(dir.join(SCRATCH));
     // Folders that hold anything else stay.
     for name in [SEGMENTS, LOGS] {
         let _ = std::fs::remove_dir(dir.join(name));
@@ -126,12 +151,18 @@ pub(super) fn set_catalogue_aside(dir: &Path, wait: std::time::Duration) -> Resu
         }
         held.push(lock);
     }
-    let (from, to) = (dir.join(CATALOGUE), dir.join(format!("{CATALOGUE}.damaged")));
-    std::fs::rename(&from, &to).map_err(|e| Error::io(&from, &e))?;
-    for ending in ["-wal", "-shm", "-journal"] {
-        let path = dir.join(format!("{CATALOGUE}{ending}"));
-        match std::fs::remove_file(&path) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(&path, &e)),
+    // An earlier one that was set aside stays.
+    let numbers = std::iter::once(String::new()).chain((2..).map(|number: u32| number.to_string()));
+    let names = numbers.map(|number| format!("{CATALOGUE}{ASIDE}{number}"));
+    let is_free = |name: &String| ENDINGS.iter().all(|e| dir.join(format!("{name}{e}")).symlink_metadata().is_err());
+    let aside = names.into_iter().find(is_free).expect("numbers do not end");
+    // Its log goes with it: it may hold what can still be saved.
+    for ending in ENDINGS {
+        let from = dir.join(format!("{CATALOGUE}{ending}"));
+        match std::fs::rename(&from, dir.join(format!("{aside}{ending}"))) {
+            Err(e) if ending.is_empty() || e.kind() != std::io::ErrorKind::NotFound => {
+                return Err(Error::io(&from, &e));
+            }
             _ => {}
         }
     }

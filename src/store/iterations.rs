@@ -145,7 +145,7 @@ fn newest_branch(tx: &Transaction<'_>, settings: &SolveSettings) -> Result<u64> 
 pub(super) fn has_ingested_materials(tx: &Connection, version: u64) -> Result<bool> {
     let mut query = tx.prepare_cached(
         "WITH RECURSIVE chain (id) AS (
-            SELECT ?1 UNION ALL
+            SELECT ?1 UNION
             SELECT v.parent FROM chain c JOIN solution_versions v ON v.id = c.id WHERE v.parent IS NOT NULL)
          SELECT max(m.version) IS max(m.version) FILTER (WHERE m.version IN (SELECT id FROM chain))
          FROM cluster_materials m WHERE m.cluster = (SELECT min(id) FROM clusters)",

@@ -26,6 +26,11 @@ pub(super) fn open(path: &Path) -> Result<File> {
     files::open(path, For::Making)
 }
 
+/// Whether somebody has opened the store of a folder before.
+pub(super) fn has_been_joined(dir: &Path) -> bool {
+    dir.join(READERS).symlink_metadata().is_ok()
+}
+
 /// What came of joining those who have a store open.
 pub(super) enum Joined {
     /// One may do so much, and holds the lock, unless one may only read and there is none.

@@ -141,7 +141,8 @@ impl Store {
     /// The newest branch; exit code 13 before ingest.
     pub fn newest_branch(&self) -> Result<u64> {
         self.newest_version()?;
-        Ok(self.connection().query_row("SELECT max(id) FROM branches", [], |r| r.get(0))?)
+        let newest: Option<u64> = self.connection().query_row("SELECT max(id) FROM branches", [], |r| r.get(0))?;
+        newest.ok_or_else(|| self.lacks("there are solution versions, but no branch"))
     }
 
     /// A branch's settings.

@@ -55,11 +55,14 @@ impl Store {
         drop(rows);
         let chains: Vec<(u64, Lineage)> =
             kept.iter().map(|&id| Ok((id, Lineage::of(self, id)?))).collect::<Result<_>>()?;
-        let last: Option<u64> = self.connection().query_row("SELECT max(id) FROM clusters", [], |r| r.get(0))?;
-        for first in (0..=last.unwrap_or(0)).step_by(BATCH as usize) {
+        // From cluster to cluster that is there: a number may be anything.
+        let mut find = self.connection().prepare("SELECT min(id) FROM clusters WHERE id >= ?1")?;
+        let mut next = 0;
+        while let Some(first) = find.query_row([next], |r| r.get::<_, Option<u64>>(0))? {
             for (table, has_deltas) in VERSIONED {
                 self.forget_batch(table, has_deltas, first, newest, &chains)?;
             }
+            next = first + BATCH;
         }
         Ok(())
     }

@@ -4,6 +4,7 @@ use rusqlite::{OptionalExtension, params};
 use serde::Serialize;
 
 use super::Store;
+use super::sql::is_full;
 use crate::base::Result;
 
 /// A process that works on the store.
@@ -42,12 +43,16 @@ fn started(pid: u32) -> Option<i64> {
 
 impl<'s> ProcessGuard<'s> {
     /// Lists this process; `reads_version` stays kept by gc as long as it lives. Who reads a store that one may
-    /// only read is not listed.
+    /// only read, or that lies on a full disk, is not listed.
     pub fn enter(store: &'s Store, command: &str, reads_version: Option<u64>) -> Result<Self> {
         if reads_version.is_some() && !store.is_writable() {
             return Ok(Self { store, id: None });
         }
-        Self::insert(store, command, reads_version, false)
+        match Self::insert(store, command, reads_version, false) {
+            // Reading needs no room.
+            Err(error) if reads_version.is_some() && is_full(&error) => Ok(Self { store, id: None }),
+            entered => entered,
+        }
     }
 
     /// Lists this process as the holder of `run.lock`.

@@ -1,13 +1,14 @@
 //! Formats of the catalogue: today's, how older ones are brought to it, and what is said of others.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use rusqlite::Transaction;
+use rusqlite::{Connection, Transaction};
 
 use super::sql::CATALOGUE;
-use super::{connection, seals};
+use super::{connection, row_rules, seals};
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
@@ -27,6 +28,10 @@ pub(super) fn apply(tx: &Transaction<'_>) -> Result<()> {
         // Another process was faster.
         return Ok(());
     }
+    if version > 0 {
+        // Seals say that rows are those that were written: nothing that can't be is sealed.
+        row_rules::require(tx)?;
+    }
     for sql in SCHEMA.iter().skip(version) {
         tx.execute_batch(sql)?;
     }
@@ -34,6 +39,40 @@ pub(super) fn apply(tx: &Transaction<'_>) -> Result<()> {
     seals::renew(tx)?;
     tx.pragma_update(None, "user_version", FORMAT)?;
     Ok(())
+}
+
+/// Tables as a catalogue defines them, comments and white space left out: SQLite keeps the text as it was typed.
+fn tables(connection: &Connection) -> Result<BTreeMap<String, String>> {
+    let sql = "SELECT name, sql FROM sqlite_schema WHERE type = 'table' AND name NOT GLOB 'sqlite_*'";
+    let mut query = connection.prepare(sql)?;
+    let rows = query.query_map([], |row| Ok((row.get(0)?, bare(&row.get::<_, String>(1)?))))?;
+    Ok(rows.collect::<std::result::Result<_, _>>()?)
+}
+
+fn bare(sql: &str) -> String {
+    let code = sql.lines().flat_map(|line| line.split("--").next()).flat_map(str::split_whitespace);
+    code.collect::<Vec<_>>().join(" ")
+}
+
+/// Fails with damage unless a catalogue has the tables of its format, each as we define it. Tables of others do no
+/// harm.
+pub(super) fn require_tables(connection: &Connection, version: usize) -> Result<()> {
+    let model = Connection::open_in_memory()?;
+    let mut wrong = Vec::new();
+    let found = tables(connection)?;
+    for (number, sql) in (1..).zip(SCHEMA) {
+        let before = tables(&model)?;
+        model.execute_batch(sql)?;
+        for (name, definition) in tables(&model)?.into_iter().filter(|(name, _)| !before.contains_key(name)) {
+            match found.get(&name) {
+                None if number <= version => wrong.push(format!("table {name} is missing")),
+                Some(_) if number > version => wrong.push(format!("table {name} is not of its format {version}")),
+                Some(own) if *own != definition => wrong.push(format!("table {name} has other columns than ours")),
+                _ => {}
+            }
+        }
+    }
+    if wrong.is_empty() { Ok(()) } else { Err(Error::damaged(Path::new(CATALOGUE), wrong.join(", "))) }
 }
 
 /// The error of a store that a newer version of the program made: nothing of it is touched.

@@ -195,9 +195,13 @@ impl Store {
         })
     }
 
-    /// Fails with damage if a table's rows are not those that were written.
+    /// Fails with damage if a table's rows are not those that were written, or can't be.
     pub fn require_sealed_rows(&self) -> Result<()> {
-        match self.broken_seals()?.into_iter().next() {
+        let mut broken = self.broken_seals()?;
+        if broken.is_empty() {
+            broken = self.impossible_rows()?;
+        }
+        match broken.into_iter().next() {
             Some((_, detail)) => Err(Error::damaged(&self.dir().join(CATALOGUE), detail)),
             None => Ok(()),
         }

@@ -6,7 +6,7 @@ use std::num::NonZeroUsize;
 use lru::LruCache;
 use rusqlite::{OptionalExtension, params};
 
-use super::{Extent, ExtentRef, Store};
+use super::{Extent, ExtentRef, Store, branches};
 use crate::base::text::shown;
 use crate::base::{ClusterId, Error, Result};
 use crate::model::ExtentKind;
@@ -68,6 +68,9 @@ impl Lineage {
                 if newest != version {
                     let detail = format!("version {version} goes back to version {newest}, which is not there");
                     return Err(Error::damaged(&store.dir().join(super::sql::CATALOGUE), detail));
+                }
+                if branches::version_row(store.connection(), newest)?.is_some() {
+                    return Err(store.lacks(&format!("version {newest} is of a branch that is not there")));
                 }
                 return Err(store.no_such_version(newest, "there is no version"));
             };

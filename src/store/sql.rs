@@ -10,7 +10,18 @@ use crate::base::text::{for_shell, shown};
 pub(super) const CATALOGUE: &str = "scene.sqlite";
 
 /// What is said where nothing more can be written.
-const FULL: &str = "the disk is full";
+pub(super) const FULL: &str = "the disk is full";
+
+/// Whether SQLite failed because a catalogue lacks what our statements name.
+fn is_of_another_shape(error: &rusqlite::Error) -> bool {
+    let said = error.to_string();
+    ["no such table", "no such column", "has no column named"].iter().any(|what| said.contains(what))
+}
+
+/// Whether nothing could be written because the disk is full.
+pub(super) fn is_full(error: &Error) -> bool {
+    matches!(error, Error::Failed { message, .. } if message.ends_with(FULL))
+}
 
 impl From<rusqlite::Error> for Error {
     /// Paths are the catalogue's bare name until [`Store::named`] completes them.
@@ -25,10 +36,14 @@ impl From<rusqlite::Error> for Error {
                 format!("{CATALOGUE}: {FULL}"),
                 "free some space, then run the same command again: it resumes",
             ),
+            _ if is_of_another_shape(&error) => Self::damaged(path, error.to_string()),
             _ => match error {
+                rusqlite::Error::QueryReturnedNoRows => Self::damaged(path, "a row that must be there is missing"),
                 rusqlite::Error::FromSqlConversionFailure(..)
                 | rusqlite::Error::IntegralValueOutOfRange(..)
-                | rusqlite::Error::InvalidColumnType(..) => Self::damaged(path, error.to_string()),
+                | rusqlite::Error::InvalidColumnType(..)
+                // Numbers that we write come from what was read.
+                | rusqlite::Error::ToSqlConversionFailure(..) => Self::damaged(path, error.to_string()),
                 _ => Self::failed(
                     format!("{CATALOGUE}: {error}"),
                     "check that the disk has room and that you may write to the store",
@@ -39,7 +54,7 @@ impl From<rusqlite::Error> for Error {
 }
 
 impl Store {
-    fn room_help(&self) -> String {
+    pub(super) fn room_help(&self) -> String {
         format!(
             "free some space (`clerestory gc {}` needs none itself), then run the same command again: it resumes",
             for_shell(self.dir())
@@ -47,7 +62,7 @@ impl Store {
     }
 
     /// Completes an error of the catalogue with the store's path and, if busy, the holder.
-    pub(super) fn named(&self, error: Error) -> Error {
+    pub fn named(&self, error: Error) -> Error {
         match error {
             Error::Busy { holder, .. } if holder.is_empty() => {
                 Error::Busy { store: self.dir().to_path_buf(), holder: self.holder() }
