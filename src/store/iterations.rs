@@ -215,3 +215,17 @@ fn open_branch(tx: &Transaction<'_>, base: u64, settings: &SolveSettings) -> Res
     adopt(tx, branch, settings)?;
     Ok(branch)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::fixture;
+
+    #[test]
+    fn versions_that_come_from_themselves_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 2);
+        store.connection().execute("UPDATE solution_versions SET parent = id", []).unwrap();
+        assert!(has_ingested_materials(store.connection(), 0).unwrap());
+    }
+}

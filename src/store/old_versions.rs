@@ -129,3 +129,22 @@ fn collect(tx: &Transaction<'_>, sql: &str, into: &mut BTreeSet<u64>) -> Result<
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use crate::store::fixture;
+
+    #[test]
+    fn forgetting_takes_no_longer_for_a_cluster_with_a_large_number() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 3);
+        store.connection().pragma_update(None, "foreign_keys", false).unwrap();
+        store.connection().execute("UPDATE clusters SET id = 4000000000 WHERE id = 2", []).unwrap();
+        let begun = Instant::now();
+        store.forget_old_versions(1).unwrap();
+        // Batch by batch up to that number there are eight million.
+        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    }
+}

@@ -78,3 +78,24 @@ impl Store {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rusqlite::Connection;
+
+    use super::*;
+
+    #[test]
+    fn a_catalogue_that_lacks_what_our_statements_name_or_holds_numbers_out_of_range_is_damage() {
+        let catalogue = Connection::open_in_memory().unwrap();
+        catalogue.execute_batch("CREATE TABLE numbers (n INTEGER); INSERT INTO numbers VALUES (-1)").unwrap();
+        let code = |error: rusqlite::Error| Error::from(error).exit_code();
+        for sql in ["SELECT n FROM words", "SELECT word FROM numbers", "INSERT INTO numbers (word) VALUES (1)"] {
+            assert_eq!(code(catalogue.prepare(sql).err().unwrap()), 12, "{sql}");
+        }
+        let read = |sql: &str| catalogue.query_row(sql, [], |row| row.get::<_, u32>(0)).err().unwrap();
+        assert_eq!(code(read("SELECT n FROM numbers")), 12);
+        assert_eq!(code(read("SELECT n FROM numbers WHERE n > 0")), 12, "a row that must be there");
+        assert_eq!(code(catalogue.execute("INSERT INTO numbers VALUES (?1)", [u64::MAX]).err().unwrap()), 12);
+    }
+}
