@@ -1,6 +1,7 @@
 //! Making a store: in which folders, what a failure leaves behind, and what becomes of who waits for it.
 
 mod common;
+mod support;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -8,7 +9,6 @@ use std::process::{Child, Stdio};
 use std::sync::Mutex;
 use std::time::Duration;
 
-use clerestory::base::memory::MemoryBudget;
 use clerestory::base::{Progress, Quiet};
 use clerestory::stages::ingest;
 use common::{assert_sound, clerestory, finish, run, write_rooms};
@@ -205,18 +205,8 @@ fn who_waits_while_an_ingest_into_the_same_new_store_fails_gets_its_store() {
     {
         let dir = scene();
         let bad = ingest::Options {
-            store: dir.path().join("new.clr"),
-            models: vec![dir.path().join("bad.obj")],
-            units: ingest::Units::M,
-            up: None,
-            both_sides: true,
-            materials: None,
-            emit_both: false,
-            max_cluster_patches: 64,
-            snap_m: None,
-            memory: MemoryBudget::DEFAULT,
-            fresh: false,
             wait: Duration::from_secs(5),
+            ..support::options(&dir.path().join("new.clr"), &dir.path().join("bad.obj"))
         };
         let progress = Meanwhile { dir: dir.path().to_path_buf(), args: args.clone(), good: Mutex::new(None) };
         let failed = ingest::execute(ingest::plan(&bad).unwrap(), &progress);

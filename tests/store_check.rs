@@ -1,10 +1,10 @@
 //! A model goes through all stages in one process, and the store that comes out is sound.
 
 mod common;
+mod support;
 
 use std::time::Duration;
 
-use clerestory::base::memory::MemoryBudget;
 use clerestory::base::{ClusterId, Quiet};
 use clerestory::model::ExtentKind;
 use clerestory::model::light::LightView;
@@ -15,20 +15,7 @@ use clerestory::store::{Snapshot, Store};
 fn ingest_options(dir: &std::path::Path) -> ingest::Options {
     let model = dir.join("rooms.obj");
     common::write_rooms(&model, 2);
-    ingest::Options {
-        store: dir.join("rooms.clr"),
-        models: vec![model],
-        units: ingest::Units::M,
-        up: None,
-        both_sides: true,
-        materials: None,
-        emit_both: false,
-        max_cluster_patches: 64,
-        snap_m: None,
-        memory: MemoryBudget::DEFAULT,
-        fresh: false,
-        wait: Duration::from_secs(5),
-    }
+    ingest::Options { wait: Duration::from_secs(5), ..support::options(&dir.join("rooms.clr"), &model) }
 }
 
 fn solve_options(order: UpdateOrder) -> solve_group::Options {
