@@ -1,7 +1,7 @@
 //! Checks clusters' ray structures when rays first come to them: a model's are too many to check them all for
 //! every group. Rays pass through what is not sound; who casts them asks afterwards whether that happened.
 
-use std::cell::{Cell, OnceCell};
+use std::cell::Cell;
 
 use crate::base::Result;
 use crate::model::rays::ClusterRef;
@@ -17,8 +17,7 @@ enum Found {
 /// What has been looked at, by place in the top level.
 pub struct FirstLook<'a> {
     check: &'a dyn Fn(&ClusterRef) -> Result<()>,
-    found: OnceCell<Vec<Cell<Found>>>,
-    clusters: usize,
+    found: Vec<Cell<Found>>,
     damaged: Cell<Option<ClusterRef>>,
 }
 
@@ -26,14 +25,13 @@ impl<'a> FirstLook<'a> {
     /// Over a top level of so many clusters. `check` verifies one cluster's structure.
     #[must_use]
     pub fn new(clusters: usize, check: &'a dyn Fn(&ClusterRef) -> Result<()>) -> Self {
-        Self { check, found: OnceCell::new(), clusters, damaged: Cell::new(None) }
+        Self { check, found: vec![Cell::default(); clusters], damaged: Cell::new(None) }
     }
 
     /// Whether a cluster's structure is sound; looks if nobody has.
     #[inline]
     pub(super) fn finds_sound(&self, place: usize, at: &ClusterRef) -> bool {
-        let found = self.found.get_or_init(|| vec![Cell::default(); self.clusters]);
-        found[place].get() == Found::Sound || self.look(&found[place], at)
+        self.found[place].get() == Found::Sound || self.look(&self.found[place], at)
     }
 
     #[cold]

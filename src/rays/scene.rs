@@ -61,17 +61,20 @@ impl<'a> RayScene<'a> {
         Self { look: Some(look), ..self }
     }
 
-    /// The clusters of a leaf of the top level, with their structures.
-    #[inline]
-    pub(super) fn clusters_of(&self, leaf: &RayNode) -> impl Iterator<Item = (u32, ClusterRaysView<'a>)> {
-        let (first, count) = (leaf.first as usize, leaf.count as usize);
-        let clusters = &self.top.clusters[first..first + count];
-        clusters.iter().enumerate().filter_map(move |(i, at)| {
-            if self.look.is_some_and(|look| !look.finds_sound(first + i, at)) {
-                return None;
-            }
-            Some((at.cluster, self.try_cluster(at).expect("`new` checked every cluster")))
-        })
+    /// Places of the clusters of a leaf of the top level.
+    #[inline(always)]
+    pub(super) fn places(leaf: &RayNode) -> std::ops::Range<usize> {
+        leaf.first as usize..(leaf.first + leaf.count) as usize
+    }
+
+    /// The cluster at a place with its structure; `None` if that is damaged.
+    #[inline(always)]
+    pub(super) fn cluster_at(&self, place: usize) -> Option<(u32, ClusterRaysView<'a>)> {
+        let at = &self.top.clusters[place];
+        if self.look.is_some_and(|look| !look.finds_sound(place, at)) {
+            return None;
+        }
+        Some((at.cluster, self.try_cluster(at).expect("`new` checked every cluster")))
     }
 
     /// Faces this near coincide, m.

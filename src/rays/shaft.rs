@@ -291,7 +291,8 @@ impl<'a> RayScene<'a> {
                 top.extend([node.first, node.first + 1]);
                 continue;
             }
-            for (cluster, rays) in self.clusters_of(node) {
+            for place in Self::places(node) {
+                let Some((cluster, rays)) = self.cluster_at(place) else { continue };
                 stack.clear();
                 stack.push(0u32);
                 while let Some(at) = stack.pop() {

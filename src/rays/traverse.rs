@@ -65,12 +65,14 @@ struct Ray {
     along: DVec3,
     box_from: Vec3A,
     box_inverse: Vec3A,
-    /// Largest coordinate of its start, m.
-    reach_m: f64,
+    /// See [`Ray::padding`].
+    box_padding: Vec3A,
+    is_wide: bool,
 }
 
 impl Ray {
-    fn new(from: DVec3, along: DVec3) -> Self {
+    /// `root` holds all that may be met.
+    fn new(from: DVec3, along: DVec3, root: &RayNode) -> Self {
         let safe = |x: f64| if x.abs() < 1e-30 { 1e30_f64.copysign(x) } else { 1.0 / x };
         let inverse = DVec3::new(safe(along.x), safe(along.y), safe(along.z));
         Self {
@@ -78,16 +80,16 @@ impl Ray {
             along,
             box_from: from.as_vec3a(),
             box_inverse: inverse.as_vec3a(),
-            reach_m: from.abs().max_element(),
+            box_padding: padding(inverse, from, root),
+            is_wide: largest(root) > WIDE_M,
         }
     }
 
     /// What boxes are grown by, in lengths of the ray: more than the rounding of differences, which the largest
-    /// coordinate bounds. `root` holds all the boxes: one far off costs the others nothing.
+    /// coordinate bounds. `root` holds the boxes: in a wide model one far off costs the others nothing.
     #[inline]
     fn padding(&self, root: &RayNode) -> Vec3A {
-        let largest = Vec3A::from(root.min_m).abs().max(Vec3A::from(root.max_m).abs()).max_element();
-        self.box_inverse.abs() * ((self.reach_m.max(f64::from(largest)) * 4e-7) as f32)
+        if self.is_wide { padding(self.box_inverse.as_dvec3(), self.from, root) } else { self.box_padding }
     }
 
     /// Entry distance into a box, grown by `padding`, if the ray meets it within `from..=to`.
@@ -127,6 +129,18 @@ impl Ray {
     }
 }
 
+/// Largest coordinate, m, from which a model is wide: boxes are grown by millimetres and more.
+const WIDE_M: f32 = 1e4;
+
+fn largest(root: &RayNode) -> f32 {
+    Vec3A::from(root.min_m).abs().max(Vec3A::from(root.max_m).abs()).max_element()
+}
+
+fn padding(inverse: DVec3, from: DVec3, root: &RayNode) -> Vec3A {
+    let reach_m = from.abs().max_element().max(f64::from(largest(root)));
+    (inverse.abs() * (reach_m * 4e-7)).as_vec3a()
+}
+
 /// Unit front normal of a patch.
 #[must_use]
 pub fn patch_normal(patch: &RayPatch) -> DVec3 {
@@ -148,7 +162,8 @@ impl RayScene<'_> {
         let (mut of_top, mut of_cluster) = ([(0, 0.0); DEPTH], [(0, 0.0); DEPTH]);
         let mut top = Stack::new(&mut of_top, ray, self.top.nodes, low, limit);
         while let Some(node) = top.pop(ray, limit) {
-            for (cluster, rays) in self.clusters_of(node) {
+            for place in Self::places(node) {
+                let Some((cluster, rays)) = self.cluster_at(place) else { continue };
                 let mut stack = Stack::new(&mut of_cluster, ray, rays.nodes, low, limit);
                 while let Some(leaf) = stack.pop(ray, limit) {
                     for patch in &rays.patches[leaf.first as usize..(leaf.first + leaf.count) as usize] {
@@ -213,7 +228,7 @@ impl RayScene<'_> {
         if gap <= self.snap_m && start.normal.dot(end.normal).abs() > PARALLEL {
             return true;
         }
-        let ray = Ray::new(from, to - from);
+        let ray = Ray::new(from, to - from, &self.top.nodes[0]);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
         let blocks = |cluster: u32, patch: &RayPatch, t: f64| {
             let key = PatchKey { cluster, patch: patch.patch };
@@ -249,7 +264,7 @@ impl RayScene<'_> {
     #[must_use]
     pub fn blocked_between(&self, from: DVec3, to: DVec3) -> bool {
         let mut blocked = false;
-        self.visit(&Ray::new(from, to - from), 0.0, 1.0, |_, _, t, _| {
+        self.visit(&Ray::new(from, to - from, &self.top.nodes[0]), 0.0, 1.0, |_, _, t, _| {
             blocked = t > 0.0 && t < 1.0;
             blocked
         });
@@ -275,7 +290,8 @@ impl RayScene<'_> {
                 top.extend([node.first, node.first + 1]);
                 continue;
             }
-            for (cluster, rays) in self.clusters_of(node) {
+            for place in Self::places(node) {
+                let Some((cluster, rays)) = self.cluster_at(place) else { continue };
                 let mut stack = vec![0u32];
                 while let Some(at) = stack.pop() {
                     let node = &rays.nodes[at as usize];
@@ -298,7 +314,7 @@ impl RayScene<'_> {
     /// `Covered` if the start itself lies under another face.
     #[must_use]
     pub fn nearest(&self, from: DVec3, along: DVec3, start: Option<&RayEnd>) -> Nearest {
-        let ray = Ray::new(from, along);
+        let ray = Ray::new(from, along, &self.top.nodes[0]);
         let before = start.map_or(0.0, |s| self.reach(along, s));
         let mut covered = false;
         let mut best: Option<(Hit, Face)> = None;
