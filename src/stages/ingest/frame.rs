@@ -263,6 +263,19 @@ mod tests {
     }
 
     #[test]
+    fn a_marker_that_is_not_so_far_off_moves_neither_origin_nor_snap_length() {
+        let around = |points: &[DVec3]| {
+            let mut sample = Sample::default();
+            points.iter().for_each(|p| sample.add(&[*p, *p + DVec3::X, *p + DVec3::Y], false));
+            Survey { whereabouts: sample.whereabouts(), ..survey(Bounds::of(points)) }
+        };
+        let building: Vec<DVec3> = (0..20).map(|i| DVec3::new(40_000.0 + f64::from(i), 0.0, 0.0)).collect();
+        let marked = around(&[&building[..], &[DVec3::ZERO]].concat());
+        assert!((marked.frame(1.0).origin.x - 40_010.0).abs() < 20.0, "{}", marked.frame(1.0).origin);
+        assert!(marked.snap_m(1.0) < 2.0 * around(&building).snap_m(1.0), "{}", marked.snap_m(1.0));
+    }
+
+    #[test]
     fn a_size_that_no_building_has_is_named() {
         let size = |metres| survey(Bounds::of(&[DVec3::ZERO, DVec3::splat(4.0)])).size_warning(metres, 3.0 * metres);
         assert!(size(1.0).is_none());

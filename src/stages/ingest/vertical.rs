@@ -110,7 +110,14 @@ mod tests {
         ] {
             assert_eq!(room(size, lamps), ('z', false), "{size} {lamps:?}");
         }
-        assert!(!room(DVec3::new(5.0, 5.0, 30.0), None).1, "a tower, or a corridor along z");
+        assert!(!room(DVec3::new(5.0, 5.0, 15.0), None).1, "a tower, or a corridor along z");
         assert!(!room(DVec3::new(5.0, 5.0, 30.0), Some(2)).1, "its lamps speak for a tower");
+    }
+
+    #[test]
+    fn what_speaks_against_it_makes_a_clear_vertical_doubtful() {
+        let lit = Vertical { area_along: [1.0, 1.0, 2.1], emission: -DVec3::Z, emitted: 1.0 };
+        assert_eq!(lit.up(DVec3::new(8.0, 8.0, 8.0)), ('z', true));
+        assert_eq!(lit.up(DVec3::new(8.0, 8.0, 13.2)), ('z', false), "higher than wide");
     }
 }

@@ -158,7 +158,7 @@ mod tests {
         for i in 0..10_000 {
             sample.add(&tile(corner + DVec3::new(f64::from(i % 100), f64::from(i / 100), 0.0), 1.0), false);
         }
-        let (marker, ground) = (tile(DVec3::ZERO, 1.0), tile(corner, 2e6));
+        let (marker, ground) = (tile(DVec3::ZERO, 1.0), tile(corner, 1.5e6));
         sample.add(&marker, false);
         sample.add(&ground, false);
         let found = sample.whereabouts().unwrap();
