@@ -1,4 +1,4 @@
-//! Throws broken input at every reader: `cargo run --release --bin fuzz -- [--inputs N] [--target NAME]
+//! Throws broken input at every reader: `cargo run --release --example fuzz -- [--inputs N] [--target NAME]
 //! [--seed S] [--replay INPUT]`.
 //!
 //! Inputs are mutations of a small corpus that the driver makes itself; each follows from seed, target and
