@@ -21,7 +21,8 @@ solve() { # solve NAME FLAG...: `run` into NAME.clr
 }
 
 by_hand() { # the tour, two solve-groups at a time
-    "$here/../tour.sh" "$model" "$1.clr" --quality "$quality" -q >/dev/null
+    echo x,y,z,nx,ny,nz >none.csv
+    "$here/../tour.sh" "$model" "$1.clr" none.csv --quality "$quality" >/dev/null
 }
 
 shuffled() { # one solve-group per group, in an order that changes each iteration
