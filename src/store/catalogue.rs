@@ -4,9 +4,9 @@ use std::cell::{OnceCell, RefCell};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, Transaction, TransactionBehavior};
+use rusqlite::{Connection, ErrorCode, Transaction, TransactionBehavior};
 
 use super::connection::{self, Access};
 use super::extent::Mappings;
@@ -206,13 +206,24 @@ impl Store {
             self.format = version;
             return Ok(());
         }
-        self.connection.pragma_update(None, "journal_mode", "WAL")?;
+        self.keep_a_log()?;
         // Files are unlinked after the commit that forgets them: the commit must be on disk by then.
         self.connection.pragma_update(None, "synchronous", "FULL")?;
         if version == FORMAT {
             return Ok(());
         }
         self.transaction(schema::apply)
+    }
+
+    /// Brings the catalogue to write ahead. SQLite does not wait for those who do the same at this moment.
+    fn keep_a_log(&self) -> Result<()> {
+        let end = Instant::now() + self.wait;
+        loop {
+            match self.connection.pragma_update(None, "journal_mode", "WAL") {
+                Err(error) if is_busy(&error) && Instant::now() < end => std::thread::sleep(Duration::from_millis(10)),
+                done => return Ok(done?),
+            }
+        }
     }
 
     /// Fails with damage where the catalogue does not have the tables of its format.
@@ -345,6 +356,10 @@ impl Store {
         self.drop_unreferenced_segments()?;
         Ok(())
     }
+}
+
+fn is_busy(error: &rusqlite::Error) -> bool {
+    matches!(error.sqlite_error_code(), Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked))
 }
 
 #[cfg(test)]
