@@ -2,6 +2,7 @@
 //! one that came to nothing.
 
 use std::path::Path;
+use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags};
 
@@ -60,17 +61,38 @@ pub(super) fn refused(dir: &Path, why: &str) -> Error {
     }
 }
 
+/// How often files of a catalogue that is being made or taken away are looked at again.
+const LOOKS: u32 = 50;
+
 /// Refuses a folder that is neither absent, nor empty, nor a store, nor one whose making was cut short.
 pub(super) fn refuse_foreign(dir: &Path) -> Result<()> {
+    for _ in 1..LOOKS {
+        match alien(dir)? {
+            None => return Ok(()),
+            // A log of SQLite's comes before the catalogue can be told, and goes after it.
+            Some(name) if ENDINGS[1..].iter().any(|ending| name == format!("{CATALOGUE}{ending}")) => {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            Some(_) => break,
+        }
+    }
+    match alien(dir)? {
+        Some(name) => Err(refused(dir, &format!("it is no store, and holds other files ({name})"))),
+        None => Ok(()),
+    }
+}
+
+/// A file that speaks against making a store in a folder, if there is one.
+fn alien(dir: &Path) -> Result<Option<String>> {
     match std::fs::metadata(dir) {
         Ok(meta) if !meta.is_dir() => return Err(refused(dir, "it is a file, not a folder")),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(Error::io(dir, &e)),
         Ok(_) => {}
     }
     let catalogue = ownership::look(dir);
     match catalogue {
-        Catalogue::Ours => return Ok(()),
+        Catalogue::Ours => return Ok(None),
         Catalogue::Foreign => return Err(refused(dir, NO_CATALOGUE)),
         Catalogue::Absent | Catalogue::Unmade => {}
     }
@@ -80,13 +102,7 @@ pub(super) fn refuse_foreign(dir: &Path) -> Result<()> {
         alien = foreign(&segments, |name| files::is_segment_name(name) && ownership::is_segment(&segments.join(name)))?;
     }
     // Somebody may have made the store meanwhile.
-    if ownership::look(dir) == Catalogue::Ours {
-        return Ok(());
-    }
-    match alien {
-        Some(name) => Err(refused(dir, &format!("it is no store, and holds other files ({name})"))),
-        None => Ok(()),
-    }
+    Ok(alien.filter(|_| ownership::look(dir) != Catalogue::Ours))
 }
 
 /// Takes away a store that this process began and that came to nothing, unless it holds a model by now or
