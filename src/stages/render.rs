@@ -219,7 +219,7 @@ fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
                     let store = Store::open(&dir, wait)?;
                     let set = WorkingSet::open(&store, version)?;
                     let min_element_m = tolerances::min_element_m(&store, version, facts)?;
-                    with_scene(set.snapshot(), |open| {
+                    with_scene(&set, |open| {
                         let cuts = Cuts::new(open.scene, min_element_m);
                         let mut eye = Eye::new(&set, &cuts, facts, options);
                         loop {

@@ -54,7 +54,7 @@ pub fn execute(
     let facts = store.facts()?;
     let min_element_m = tolerances::min_element_m(store, version, &facts)?;
     let snap_m = options.snap_m.unwrap_or(facts.snap_m);
-    with_scene(set.snapshot(), |open| {
+    with_scene(&set, |open| {
         let cuts = Cuts::new(open.scene, min_element_m);
         let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);
         answer(open, &mut light, (&facts, snap_m), points, out, progress)

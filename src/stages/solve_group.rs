@@ -347,7 +347,7 @@ fn solve(
     let clusters = store.clusters_of(lease.group)?;
     require_memory(plan, set, lease.group, &clusters)?;
     let before = resources();
-    let mut solved = with_scene(set.snapshot(), |open| {
+    let mut solved = with_scene(set, |open| {
         let settings = settings(open.is_dark);
         let cuts = Cuts::new(open.scene, settings.tolerances.min_element_m);
         let (sides, sources) = (SideCache::default(), SourceMemo::default());

@@ -179,7 +179,7 @@ fn look(
                     let work = || -> Result<()> {
                         let store = Store::open(&dir, wait)?;
                         let set = WorkingSet::open(&store, version)?;
-                        with_scene(set.snapshot(), |open| {
+                        with_scene(&set, |open| {
                             loop {
                                 let at = next.fetch_add(1, Ordering::Relaxed) as usize;
                                 let Some(&id) = ids.get(at) else { return Ok(()) };

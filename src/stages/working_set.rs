@@ -1,7 +1,7 @@
 //! What a task may read: clusters of one version, mapped as needed. The cache holds places in
 //! mappings, not their bytes.
 
-use std::cell::RefCell;
+use std::cell::{OnceCell, RefCell};
 use std::num::NonZeroUsize;
 use std::rc::Rc;
 
@@ -15,6 +15,7 @@ use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::layout::Arrays;
 use crate::model::light::LightView;
 use crate::model::visibility::{VisibilityHead, VisibilityView};
+use crate::rays::Emitters;
 use crate::store::{Extent, Snapshot, Store};
 use crate::transport::source::{ClusterView, Clusters, Loaded};
 
@@ -77,22 +78,53 @@ impl Loaded for MappedCluster {
     }
 }
 
+fn emitters(snapshot: &Snapshot<'_>) -> Result<Emitters> {
+    // The catalogue counts emitters in the materials of the last ingest.
+    let counts_hold = snapshot.store().has_ingested_materials(snapshot.version())?;
+    let mut emitters = Emitters::default();
+    for cluster in snapshot.clusters() {
+        let cluster = cluster?;
+        if counts_hold && cluster.emitters == 0 {
+            continue;
+        }
+        let materials = snapshot.need(ExtentKind::Materials, cluster.id)?;
+        let sides: &[SideMaterial] = materials.parse(side_materials)?;
+        let emitting = sides.iter().enumerate().filter(|(_, side)| side.exitance != [0.0; 3]);
+        emitters.add(cluster.id.0, emitting.map(|(i, _)| i));
+    }
+    Ok(emitters)
+}
+
 /// Clusters of one version.
 pub struct WorkingSet<'s> {
     snapshot: Snapshot<'s>,
     clusters: RefCell<LruCache<u32, Rc<MappedCluster>>>,
+    emitters: OnceCell<Emitters>,
 }
 
 impl<'s> WorkingSet<'s> {
     /// Opens a version.
     pub fn open(store: &'s Store, version: u64) -> Result<Self> {
-        Ok(Self { snapshot: Snapshot::at(store, version)?, clusters: RefCell::new(LruCache::new(REMEMBERED)) })
+        Ok(Self {
+            snapshot: Snapshot::at(store, version)?,
+            clusters: RefCell::new(LruCache::new(REMEMBERED)),
+            emitters: OnceCell::new(),
+        })
     }
 
     /// The version.
     #[must_use]
     pub fn snapshot(&self) -> &Snapshot<'s> {
         &self.snapshot
+    }
+
+    /// The sides that emit; looked for once, since all groups of a version share them.
+    pub fn emitters(&self) -> Result<&Emitters> {
+        if let Some(known) = self.emitters.get() {
+            return Ok(known);
+        }
+        let found = emitters(&self.snapshot)?;
+        Ok(self.emitters.get_or_init(|| found))
     }
 
     /// A cluster.
