@@ -2,8 +2,6 @@
 //! what stays inside, and write what changed. A function of the version read, the group and the
 //! options alone.
 
-use std::collections::HashMap;
-
 use super::group_links::{GroupLinks, LinkStore, SourceTable, Wanted};
 use super::link_extent::LinkExtent;
 use super::working_set::WorkingSet;
@@ -17,16 +15,15 @@ use crate::rays::region::Cuts;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
 use crate::transport::bundle::SideCache;
-use crate::transport::closure::{self, Closed, Row};
 use crate::transport::link_rows::{self, Link};
-use crate::transport::mesh::Mesh;
 use crate::transport::oracle::Tolerances;
-use crate::transport::push_pull::{self, Gathered};
+use crate::transport::push_pull::Gathered;
 use crate::transport::records;
-use crate::transport::refine::{Context, Counts, Receiver, Scope};
+use crate::transport::refine::{Context, Scope};
 use crate::transport::relax::{self, Inner, Member};
 use crate::transport::row_parts;
-use crate::transport::seal::{self, Sealed};
+use crate::transport::seal;
+use crate::transport::solve_cluster::{SolvedCluster, StoredLinks, Unsolved, solve_cluster};
 use crate::transport::source::Loaded;
 use crate::transport::source_memo::SourceMemo;
 
@@ -57,22 +54,6 @@ pub struct Solved {
     pub report: TaskReport,
 }
 
-/// A cluster after refinement.
-struct Refined {
-    mesh: Mesh,
-    rows: Vec<Vec<Link>>,
-    closure: Vec<LeafClosure>,
-    lift: Vec<f64>,
-    dark_shares: Vec<f32>,
-    changed: Vec<bool>,
-    stored_changed: bool,
-    /// Bytes of the chain of link extents that the rows came from; 0 if there is none.
-    chain_bytes: u64,
-    /// See [`crate::model::light::LightHead`].
-    seen: u32,
-    counts: Counts,
-}
-
 /// Solves a group.
 pub struct GroupSolver<'a, 's> {
     /// The version that is read.
@@ -98,18 +79,18 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let mut first = 0;
         self.progress.begin("refine", "clusters", Some(clusters.len() as u64));
         for (done, &id) in clusters.iter().enumerate() {
-            let refined = self.refine(id, self.settings.keep_links)?;
+            let stored = if self.settings.keep_links { self.stored(id)? } else { StoredLinks::default() };
+            let refined = self.refine(id, stored)?;
             report.links_evaluated += refined.counts.evaluated;
             report.links_reused += refined.counts.reused;
             report.rays += refined.counts.rays;
             let links: usize = refined.rows.iter().map(Vec::len).sum();
             report.links_stored += links as u64;
             if self.settings.keep_links && refined.stored_changed {
-                rows.push(write_links(id, &refined, writer)?);
+                rows.push(self.write_links(&refined, writer)?);
             }
             seen.push(refined.seen);
-            let Refined { mesh, rows: written, closure, lift, dark_shares, .. } = refined;
-            let factors = push_pull::factors(&mesh, lift, &closure);
+            let SolvedCluster { mesh, rows: written, closure, factors, dark_shares, .. } = refined;
             let materials = self.set.mapped(id)?.view().materials.to_vec();
             let member = Member { mesh, materials, external: Vec::new(), factors, dark_shares, first };
             first += member.mesh.node_count();
@@ -132,25 +113,8 @@ impl<'a, 's> GroupSolver<'a, 's> {
         Ok(Solved { rows, report })
     }
 
-    /// Refines one cluster from its stored links (or from none) against the light of the version.
-    fn refine(&self, id: ClusterId, from_stored: bool) -> Result<Refined> {
-        let loaded = self.set.mapped(id)?;
-        let view = loaded.view();
-        let mesh = Mesh::load(id, &view.geometry, &view.light);
-        let mut rows = vec![Vec::new(); mesh.node_count()];
-        let mut known: HashMap<u64, LeafClosure> = HashMap::new();
-        let mut chain_bytes = 0;
-        if from_stored {
-            chain_bytes = self.set.snapshot().links_bytes(id)?;
-            let chain = LinkStore::chain(self.set, id, None)?;
-            let views = chain.views()?;
-            link_rows::for_each_row(&views, |name, view, range| {
-                rows[mesh.position(name)] = range.map(|at| link_rows::link_at(view, at)).collect();
-            });
-            if let Some(newest) = views.last() {
-                known = newest.closure.iter().map(|c| (c.leaf, *c)).collect();
-            }
-        }
+    /// Refines one cluster from these links against the light of the version.
+    fn refine(&self, id: ClusterId, stored: StoredLinks) -> Result<SolvedCluster> {
         let context = Context {
             cuts: &self.cuts,
             clusters: self.set,
@@ -161,39 +125,47 @@ impl<'a, 's> GroupSolver<'a, 's> {
             sources: &self.sources,
             progress: self.progress,
         };
-        let (mut visible, head) = self.set.visible(id)?;
+        let loaded = self.set.mapped(id)?;
+        let (mut visible, found) = self.set.visible(id)?;
         if self.settings.is_dark {
             visible.clear();
         }
-        let mut receiver = Receiver::new(view, mesh, rows);
-        receiver.refine(&context, &visible)?;
-        let was_sealed = |leaf: NodeName| known.get(&leaf.0).is_some_and(closure::is_sealed);
-        let Sealed { leaves: sealed, seen } = receiver.sealed_leaves(&context, &visible, was_sealed)?;
-        let mut counts = receiver.counts;
-        let patches = view.geometry.patches;
-        let emits = |leaf: NodeName| view.emits(leaf);
-        let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
-        let is_dark = |name: NodeName| self.sources.is_dark(self.set, name);
-        let complete = self.settings.scope == Scope::Everything;
-        let measured = |leaf: NodeName| {
-            let escape_rays = closure::escape_rays(emits(leaf));
-            let escape = match known.get(&leaf.0) {
-                Some(stored) => f64::from(stored.measured_escape),
-                None if head.escape > 0.0 => {
-                    let node = Node::at(id, &patches[usize::from(leaf.patch_side().patch)], leaf);
-                    closure::measure_escape(self.cuts.scene(), &node, escape_rays, self.settings.seed, &mut counts.rays)
-                }
-                None => 0.0,
-            };
-            let (unseen, sealed) = (f64::from(head.missing), sealed.contains(&leaf));
-            Row { escape, escape_rays, unseen, complete, sealed, ..Row::default() }
+        solve_cluster(&context, Unsolved { view: loaded.view(), visible, found, stored })
+    }
+
+    /// A cluster's links in the version that is read.
+    fn stored(&self, id: ClusterId) -> Result<StoredLinks> {
+        let chain = LinkStore::chain(self.set, id, None)?;
+        let views = chain.views()?;
+        let mut rows = Vec::new();
+        link_rows::for_each_row(&views, |name, view, range| {
+            rows.push((name, range.map(|at| link_rows::link_at(view, at)).collect()));
+        });
+        Ok(StoredLinks { rows, closure: views.last().map_or_else(Vec::new, |newest| newest.closure.to_vec()) })
+    }
+
+    /// Writes a cluster's links: the rows that changed behind the chain they came from, or all rows anew
+    /// where there is no chain or more than half of it would be garbage.
+    fn write_links(&self, refined: &SolvedCluster, writer: &mut SegmentWriter) -> Result<UpdateRow> {
+        let id = refined.mesh.cluster;
+        let chain_bytes = self.set.snapshot().links_bytes(id)?;
+        let mut order: Vec<usize> = (0..refined.rows.len()).collect();
+        order.sort_unstable_by_key(|&at| refined.mesh.name_at(at));
+        let extent = |delta: bool| {
+            let keep = |at: usize| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() };
+            let rows = (order.iter().filter(|&&at| keep(at)))
+                .map(|&at| (refined.mesh.name_at(at), refined.rows[at].as_slice()))
+                .collect();
+            LinkExtent::new(delta, rows, &refined.closure)
         };
-        let Closed { leaves: closure, dark_shares } =
-            closure::rows(&receiver.mesh, &receiver.rows, &lift, emits, is_dark, measured)?;
-        let same_closure = closure.len() == known.len() && closure.iter().all(|c| known.get(&c.leaf) == Some(c));
-        let stored_changed = !same_closure || receiver.changed.iter().any(|c| *c);
-        let Receiver { mesh, rows, changed, .. } = receiver;
-        Ok(Refined { mesh, rows, closure, lift, dark_shares, changed, stored_changed, chain_bytes, seen, counts })
+        let links = refined.rows.iter().map(Vec::len).sum();
+        let room = 2 * link_rows::live_bytes(links, refined.closure.len());
+        let behind = (0 < chain_bytes && chain_bytes < room)
+            .then(|| extent(true))
+            .filter(|delta| chain_bytes + delta.bytes() <= room);
+        let delta = behind.is_some();
+        let at = behind.unwrap_or_else(|| extent(false)).write(id, writer)?;
+        Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
     }
 
     fn gather_and_relax(
@@ -204,7 +176,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         report: &mut TaskReport,
     ) -> Result<()> {
         let recompute = |index: usize| -> Result<Vec<(NodeName, Vec<Link>)>> {
-            let refined = self.refine(clusters[index], false)?;
+            let refined = self.refine(clusters[index], StoredLinks::default())?;
             Ok(refined.rows.into_iter().enumerate().map(|(at, row)| (refined.mesh.name_at(at), row)).collect())
         };
         let keep = self.settings.keep_links;
@@ -297,25 +269,3 @@ impl<'a, 's> GroupSolver<'a, 's> {
 
 /// Links of one cluster that are worth giving back at once.
 const MANY_LINKS_BYTES: usize = 4 << 20;
-
-/// Writes a cluster's links: the rows that changed behind the chain they came from, or all rows anew
-/// where there is no chain or more than half of it would be garbage.
-fn write_links(id: ClusterId, refined: &Refined, writer: &mut SegmentWriter) -> Result<UpdateRow> {
-    let mut order: Vec<usize> = (0..refined.rows.len()).collect();
-    order.sort_unstable_by_key(|&at| refined.mesh.name_at(at));
-    let extent = |delta: bool| {
-        let keep = |at: usize| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() };
-        let rows = (order.iter().filter(|&&at| keep(at)))
-            .map(|&at| (refined.mesh.name_at(at), refined.rows[at].as_slice()))
-            .collect();
-        LinkExtent::new(delta, rows, &refined.closure)
-    };
-    let links = refined.rows.iter().map(Vec::len).sum();
-    let room = 2 * link_rows::live_bytes(links, refined.closure.len());
-    let behind = (0 < refined.chain_bytes && refined.chain_bytes < room)
-        .then(|| extent(true))
-        .filter(|delta| refined.chain_bytes + delta.bytes() <= room);
-    let delta = behind.is_some();
-    let at = behind.unwrap_or_else(|| extent(false)).write(id, writer)?;
-    Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
-}

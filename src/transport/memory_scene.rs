@@ -1,22 +1,19 @@
 //! A whole model in memory, solved as one group: the second implementation of [`Clusters`], for tests.
 
-use std::cell::RefCell;
 use std::rc::Rc;
 
 use bytemuck::Zeroable;
 use glam::DVec3;
 
 use super::bundle::SideCache;
-use super::closure::{self, Closed, Row};
-use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::oracle::Tolerances;
-use super::push_pull::{self, Gathered};
+use super::push_pull::Gathered;
 use super::records;
-use super::refine::{Context, Counts, Receiver, Scope};
+use super::refine::{Context, Scope};
 use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
 use super::row_parts;
-use super::seal;
+use super::solve_cluster::{SolvedCluster, StoredLinks, Unsolved, solve_cluster};
 use super::source::{ClusterView, Clusters, Loaded};
 use super::source_memo::SourceMemo;
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
@@ -25,11 +22,10 @@ use crate::model::geometry::{
     ClusterHead, GeometryView, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of,
 };
 use crate::model::light::{LightView, NEVER};
-use crate::model::links::LeafClosure;
 use crate::model::rays::{ClusterRef, TopRaysView};
+use crate::model::visibility::VisibilityHead;
 use crate::rays::RayScene;
 use crate::rays::emitters::NO_EMITTERS;
-use crate::rays::node::Node;
 use crate::rays::region::Cuts;
 
 /// One cluster of one polygon.
@@ -60,20 +56,16 @@ impl Loaded for Stored {
 
 /// A model and its solution.
 pub struct MemoryScene {
-    stored: RefCell<Vec<Rc<Stored>>>,
+    stored: Vec<Rc<Stored>>,
     nodes: Vec<crate::model::rays::RayNode>,
     refs: Vec<ClusterRef>,
     file: Vec<u64>,
-    rows: Vec<Vec<(NodeName, Vec<Link>)>>,
-    closures: Vec<Vec<LeafClosure>>,
-    /// Sum of what refinement did.
-    pub counts: Counts,
-    seed: u64,
+    links: Vec<StoredLinks>,
 }
 
 impl Clusters for MemoryScene {
     fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>> {
-        Ok(self.stored.borrow()[id.0 as usize].clone())
+        Ok(self.stored[id.0 as usize].clone())
     }
 }
 
@@ -130,16 +122,7 @@ impl MemoryScene {
         }
         let (nodes, refs) = crate::rays::build::top(&refs);
         let count = stored.len();
-        Self {
-            stored: RefCell::new(stored),
-            nodes,
-            refs,
-            file: aligned(&bytes),
-            rows: vec![Vec::new(); count],
-            closures: vec![Vec::new(); count],
-            counts: Counts::default(),
-            seed: 1,
-        }
+        Self { stored, nodes, refs, file: aligned(&bytes), links: vec![StoredLinks::default(); count] }
     }
 
     /// What rays can meet.
@@ -149,121 +132,72 @@ impl MemoryScene {
     }
 
     /// One iteration over the whole model as one group.
-    pub fn iterate(&mut self, scope: Scope, row_w_m2: f64, min_element_m: f64, open: bool) {
-        let count = self.rows.len();
-        let visible: Vec<ClusterId> = (0..count).map(|i| ClusterId(i as u32)).collect();
+    pub fn iterate(&mut self, scope: Scope, row_w_m2: f64, min_element_m: f64) {
+        let visible: Vec<ClusterId> = (0..self.links.len()).map(|i| ClusterId(i as u32)).collect();
         let mut members = Vec::new();
         let mut first = 0;
-        let mut all_rows = std::mem::take(&mut self.rows);
+        let mut all_links = std::mem::take(&mut self.links);
         let (sides, sources) = (SideCache::default(), SourceMemo::default());
-        for (i, slot) in all_rows.iter_mut().enumerate() {
-            let own = self.stored.borrow()[i].clone();
-            let view = own.view();
-            let mesh = Mesh::load(view.id, &view.geometry, &view.light);
-            let mut rows = vec![Vec::new(); mesh.node_count()];
-            for (name, row) in std::mem::take(slot) {
-                rows[mesh.position(name)] = row;
-            }
-            let cuts = Cuts::new(self.rays(), min_element_m);
+        for (own, links) in self.stored.iter().zip(&mut all_links) {
             let context = Context {
-                cuts: &cuts,
+                cuts: &Cuts::new(self.rays(), min_element_m),
                 clusters: self,
                 tolerances: Tolerances { row_w_m2, min_element_m },
-                seed: self.seed,
+                seed: 1,
                 scope,
                 sides: &sides,
                 sources: &sources,
                 progress: &Quiet,
             };
-            let mut receiver = Receiver::new(view, mesh, rows);
-            receiver.refine(&context, &visible).expect("memory does not fail");
-            let sealed = receiver.sealed_leaves(&context, &visible, |_| false).expect("memory does not fail").leaves;
-            let mut counts = receiver.counts;
-            let lift = seal::lift(&receiver.mesh, |leaf| sealed.contains(&leaf));
-            let Closed { leaves: closure, dark_shares } = closure::rows(
-                &receiver.mesh,
-                &receiver.rows,
-                &lift,
-                |_| false,
-                |name| sources.is_dark(&*self, name),
-                |leaf| {
-                    let patch = &own.patches[usize::from(leaf.patch_side().patch)];
-                    let node = Node::at(ClusterId(i as u32), patch, leaf);
-                    let escape =
-                        if open { closure::measure_escape(cuts.scene(), &node, 64, 1, &mut counts.rays) } else { 0.0 };
-                    Row {
-                        escape,
-                        escape_rays: 64,
-                        unseen: 1e-3,
-                        complete: scope == Scope::Everything,
-                        sealed: sealed.contains(&leaf),
-                        ..Row::default()
-                    }
-                },
-            )
-            .expect("memory does not fail");
-            self.counts.evaluated += counts.evaluated;
-            self.counts.rays += counts.rays;
-            self.counts.reused += counts.reused;
-            let (mesh, rows) = (receiver.mesh, receiver.rows);
-            let factors = push_pull::factors(&mesh, lift, &closure);
-            *slot = rows.into_iter().enumerate().map(|(at, row)| (mesh.name_at(at), row)).collect();
+            let found = VisibilityHead { missing: 1e-3, ..VisibilityHead::zeroed() };
+            let stored = std::mem::take(links);
+            let before = Unsolved { view: own.view(), visible: visible.clone(), found, stored };
+            let solved = solve_cluster(&context, before).expect("memory does not fail");
+            let SolvedCluster { mesh, rows, closure, factors, dark_shares, .. } = solved;
+            let rows = rows.into_iter().enumerate().map(|(at, row)| (mesh.name_at(at), row)).collect();
+            *links = StoredLinks { rows, closure };
             let length = mesh.node_count();
-            members.push(Member {
-                mesh,
-                materials: own.materials.clone(),
-                external: vec![Gathered::default(); length],
-                factors,
-                dark_shares,
-                first,
-            });
+            let (materials, external) = (own.materials.clone(), vec![Gathered::default(); length]);
+            members.push(Member { mesh, materials, external, factors, dark_shares, first });
             first += length;
-            self.closures[i] = closure;
         }
-        self.rows = all_rows;
+        self.links = all_links;
         let inner = Inner::Converge { tolerance: 1e-6, q: 0.99 };
-        relax::relax(&mut members, &mut AllLinks(&self.rows), inner, &Quiet).expect("memory does not fail");
-        for (i, member) in members.iter().enumerate() {
-            let old = self.stored.borrow()[i].clone();
-            let view = old.view();
-            let light = aligned(&records::encode(&member.mesh, &view.geometry, view.materials, NEVER));
-            let new = Stored {
-                head: old.head,
-                tree: old.tree.clone(),
-                sectors: old.sectors.clone(),
-                patches: old.patches.clone(),
-                materials: old.materials.clone(),
-                light,
+        relax::relax(&mut members, &mut AllLinks(&self.links), inner, &Quiet).expect("memory does not fail");
+        for (own, member) in self.stored.iter_mut().zip(&members) {
+            let light = {
+                let view = own.view();
+                aligned(&records::encode(&member.mesh, &view.geometry, view.materials, NEVER))
             };
-            self.stored.borrow_mut()[i] = Rc::new(new);
+            Rc::get_mut(own).expect("nobody reads any more").light = light;
         }
     }
 
     /// Lights, then everything until nothing changes much.
     pub fn solve(&mut self, row_w_m2: f64, min_element_m: f64) {
-        self.iterate(Scope::Lights, row_w_m2, min_element_m, false);
+        self.iterate(Scope::Lights, row_w_m2, min_element_m);
         for _ in 0..4 {
-            self.iterate(Scope::Everything, row_w_m2, min_element_m, false);
+            self.iterate(Scope::Everything, row_w_m2, min_element_m);
         }
     }
 
     /// Mean irradiance (first channel) on the front of a polygon, W/m2.
     pub fn irradiance(&self, polygon: usize) -> f64 {
-        f64::from(self.stored.borrow()[polygon].view().light.elements[0].irradiance[0])
+        f64::from(self.stored[polygon].view().light.elements[0].irradiance[0])
     }
 
     /// Radiosity (first channel) of the front of a polygon, W/m2.
     pub fn radiosity(&self, polygon: usize) -> f64 {
-        let own = self.stored.borrow()[polygon].clone();
+        let own = &self.stored[polygon];
         f64::from(own.materials[0].exitance[0]) + f64::from(own.materials[0].rho[0]) * self.irradiance(polygon)
     }
 }
 
-struct AllLinks<'a>(&'a [Vec<(NodeName, Vec<Link>)>]);
+struct AllLinks<'a>(&'a [StoredLinks]);
 
 impl InnerLinks for AllLinks<'_> {
     fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
-        for (name, row) in &self.0[index] {
+        for (name, row) in &self.0[index].rows {
             let receiver = members[index].mesh.position(*name) as u32;
             let is_leafs = members[index].mesh.is_leaf_at(receiver as usize);
             for link in row {

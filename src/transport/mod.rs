@@ -29,6 +29,7 @@ pub mod row_parts;
 pub mod seal;
 pub mod sectors;
 pub mod sight;
+pub mod solve_cluster;
 pub mod source;
 pub mod source_memo;
 pub mod survey;

@@ -27,7 +27,7 @@ const NEAR_STRIPS: [Setting; 2] = [(0.1, 0.1, 0.012), (0.005, 0.01, 0.004)];
 /// The visible share of an unoccluded factor between a source and a receiver (faces 0 and 1).
 fn visible_share(faces: &[Face], unoccluded: f64, (row, element, _): Setting) -> f64 {
     let mut scene = MemoryScene::new(faces);
-    scene.iterate(Scope::Lights, row * unoccluded, element, false);
+    scene.iterate(Scope::Lights, row * unoccluded, element);
     scene.irradiance(1) / unoccluded
 }
 
