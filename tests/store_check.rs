@@ -22,14 +22,16 @@ fn solve_options(order: UpdateOrder) -> solve_group::Options {
     solve_group::Options {
         which: solve_group::Which::UntilDone,
         version: None,
-        tolerance: 0.1,
-        min_element_m: None,
-        inner: solve_group::InnerOption::Converge,
-        keep_links: true,
+        shaping: solve_group::SolveOptions {
+            tolerance: 0.1,
+            min_element_m: None,
+            inner: solve_group::InnerOption::Converge,
+            links: solve_group::LinkStorage::Keep,
+            seed: 1,
+        },
         link_cache_bytes: 32 << 20,
         order,
         schedule: clerestory::partition::schedule::Policy::FfdWs { delta: 16 },
-        seed: 1,
         memory_bytes: 512 << 20,
     }
 }

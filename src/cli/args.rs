@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::values::{Inner, PictureSize, Triple, degrees, length, seconds, share, size};
+use super::values::{PictureSize, Triple, degrees, length, seconds, share, size};
+use crate::model::solve_options::InnerOption;
 
 /// Largest number that the catalogue holds.
 const MOST: u64 = i64::MAX as u64;
@@ -345,7 +346,7 @@ pub struct SolveFlags {
     pub min_element: Option<f64>,
     /// Gathers per visit of a group, or `converge` (the paper: 2)
     #[arg(long, value_name = "N|converge", default_value = "converge")]
-    pub inner: Inner,
+    pub inner: InnerOption,
     /// Keep links on disk, or discard them after each visit as the paper does
     #[arg(long, default_value = "keep")]
     pub links: LinkStorage,

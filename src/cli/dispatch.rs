@@ -16,7 +16,6 @@ use super::resources::Watch;
 use super::run_options;
 use super::settings::Resolved;
 use super::summaries::{self, WithNext};
-use super::values::Inner;
 use super::{args::GcArgs, pages};
 use crate::base::memory::MemoryBudget;
 use crate::base::text::{for_shell, shown};
@@ -212,13 +211,16 @@ pub fn solve_options(
     solve_group::Options {
         which,
         version,
-        tolerance: tolerance(flags),
-        min_element_m: flags.min_element,
-        inner: match flags.inner {
-            Inner::Gathers(n) => solve_group::InnerOption::Gathers(n),
-            Inner::Converge => solve_group::InnerOption::Converge,
+        shaping: solve_group::SolveOptions {
+            tolerance: tolerance(flags),
+            min_element_m: flags.min_element,
+            inner: flags.inner,
+            links: match flags.links {
+                LinkStorage::Keep => solve_group::LinkStorage::Keep,
+                LinkStorage::Discard => solve_group::LinkStorage::Discard,
+            },
+            seed,
         },
-        keep_links: flags.links == LinkStorage::Keep,
         link_cache_bytes: flags.link_cache,
         order: match flags.order {
             Order::Jacobi => UpdateOrder::Jacobi,
@@ -230,7 +232,6 @@ pub fn solve_options(
             Schedule::Ws => solve_group::Policy::Ws,
             Schedule::FfdWs => solve_group::Policy::FfdWs { delta: schedule.delta },
         },
-        seed,
         memory_bytes,
     }
 }

@@ -3,6 +3,8 @@
 use std::str::FromStr;
 use std::time::Duration;
 
+use crate::model::solve_options::InnerOption;
+
 /// Bytes: `512M`, `2G`, in powers of 1024.
 pub fn size(text: &str) -> Result<u64, String> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
@@ -95,16 +97,7 @@ impl FromStr for PictureSize {
     }
 }
 
-/// `--inner`: so many gathers, or until converged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Inner {
-    /// This many.
-    Gathers(u32),
-    /// Until converged.
-    Converge,
-}
-
-impl FromStr for Inner {
+impl FromStr for InnerOption {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -142,9 +135,9 @@ mod tests {
         assert!("1,2".parse::<Triple>().is_err());
         assert_eq!("640x480".parse(), Ok(PictureSize { width: 640, height: 480 }));
         assert!("0x480".parse::<PictureSize>().is_err());
-        assert_eq!("2".parse(), Ok(Inner::Gathers(2)));
-        assert_eq!("converge".parse(), Ok(Inner::Converge));
-        assert!("0".parse::<Inner>().is_err() && "x".parse::<Inner>().is_err());
+        assert_eq!("2".parse(), Ok(InnerOption::Gathers(2)));
+        assert_eq!("converge".parse(), Ok(InnerOption::Converge));
+        assert!("0".parse::<InnerOption>().is_err() && "x".parse::<InnerOption>().is_err());
         assert!(share("1").is_err() && share("0.02").is_ok() && degrees("180").is_err());
     }
 }

@@ -13,6 +13,7 @@ pub mod order;
 pub mod origin;
 pub mod rays;
 pub mod report;
+pub mod solve_options;
 pub mod visibility;
 
 pub use layout::{Arrays, ExtentKind};

@@ -14,11 +14,11 @@ use crate::model::ExtentKind;
 use crate::model::light::ElementLight;
 use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
+pub use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 pub use crate::partition::schedule::Policy;
 use crate::partition::schedule::{self, Candidate};
 use crate::rays::region::Cuts;
 use crate::store::iterations::{Iteration, SolveSettings};
-use crate::store::stage_rows::hash;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
@@ -38,15 +38,6 @@ pub enum Which {
     UntilDone,
 }
 
-/// `--inner`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum InnerOption {
-    /// So many gathers per visit.
-    Gathers(u32),
-    /// Until converged.
-    Converge,
-}
-
 /// How to solve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
@@ -54,52 +45,23 @@ pub struct Options {
     pub which: Which,
     /// `--version`: go on from there.
     pub version: Option<u64>,
-    /// `--tolerance`.
-    pub tolerance: f64,
-    /// `--min-element`, m; from the tolerance if none.
-    pub min_element_m: Option<f64>,
-    /// `--inner`.
-    pub inner: InnerOption,
-    /// `--links keep`.
-    pub keep_links: bool,
+    /// What shapes the solution: tasks of other settings are another branch's.
+    pub shaping: SolveOptions,
     /// `--link-cache`, bytes; never changes the result.
     pub link_cache_bytes: u64,
     /// `--order`.
     pub order: UpdateOrder,
     /// `--schedule`.
     pub schedule: Policy,
-    /// `--seed`.
-    pub seed: u64,
     /// `--memory`, bytes; never changes the result.
     pub memory_bytes: u64,
 }
 
 impl Options {
-    /// What shapes the solution, as JSON: tasks of other settings are another branch's.
-    #[must_use]
-    pub fn shaping(&self) -> String {
-        let inner = match self.inner {
-            InnerOption::Gathers(n) => n.to_string(),
-            InnerOption::Converge => "\"converge\"".to_owned(),
-        };
-        let min_element = self.min_element_m.map_or("null".to_owned(), |m| m.to_string());
-        let links = if self.keep_links { "keep" } else { "discard" };
-        format!(
-            "{{\"tolerance\":{},\"min_element_m\":{min_element},\"inner\":{inner},\"links\":\"{links}\",\"seed\":{}}}",
-            self.tolerance, self.seed
-        )
-    }
-
     /// For the store.
     #[must_use]
     pub fn settings(&self) -> SolveSettings {
-        let options = self.shaping();
-        SolveSettings {
-            options_hash: hash([options.as_bytes()]),
-            options,
-            tolerance: self.tolerance,
-            order: self.order,
-        }
+        SolveSettings { options: self.shaping, order: self.order }
     }
 }
 
@@ -162,7 +124,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
         });
     }
     require_least_memory(options)?;
-    let min_element_m = tolerances::of(&facts, options.tolerance, options.min_element_m).min_element_m;
+    let min_element_m = tolerances::of(&facts, &options.shaping).min_element_m;
     Ok(Plan { store, options: options.clone(), facts, groups, min_element_m })
 }
 
@@ -181,7 +143,7 @@ pub fn require_least_memory(options: &Options) -> Result<()> {
 /// Refuses to open another branch under a run that goes on.
 fn require_no_other_run(store: &Store, settings: &SolveSettings) -> Result<()> {
     let branch = store.branch(store.newest_branch()?)?;
-    let opens_another = branch.and_then(|b| b.options_hash).is_some_and(|hash| hash != settings.options_hash);
+    let opens_another = branch.and_then(|b| b.options_hash).is_some_and(|hash| hash != settings.options_hash());
     if opens_another && !store.is_coordinated()? && store.processes()?.iter().any(|p| p.holds_run_lock) {
         return Err(Error::Busy { store: store.dir().to_path_buf(), holder: store.holder() });
     }
@@ -329,19 +291,20 @@ fn solve(
     let base = store
         .version(lease.base_version)?
         .ok_or_else(|| Error::damaged(store.dir(), format!("no version {}", lease.base_version)))?;
-    let inner = match options.inner {
+    let shaping = &options.shaping;
+    let inner = match shaping.inner {
         InnerOption::Gathers(count) => Inner::Gathers(count),
         InnerOption::Converge => {
-            Inner::Converge { tolerance: options.tolerance / 100.0, q: plan.facts.max_reflectance }
+            Inner::Converge { tolerance: shaping.tolerance / 100.0, q: plan.facts.max_reflectance }
         }
     };
     let settings = |is_dark: bool| Settings {
-        tolerances: tolerances::of(&plan.facts, options.tolerance, options.min_element_m),
+        tolerances: tolerances::of(&plan.facts, shaping),
         inner,
-        seed: options.seed,
+        seed: shaping.seed,
         scope: if base.iteration == 0 { Scope::Lights } else { Scope::Everything },
         is_dark,
-        keep_links: options.keep_links,
+        keep_links: shaping.links == LinkStorage::Keep,
         link_cache_bytes: options.link_cache_bytes,
     };
     let clusters = store.clusters_of(lease.group)?;

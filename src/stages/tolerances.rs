@@ -1,8 +1,7 @@
 //! `--tolerance` in the model's own units.
 
-use serde_json::Value;
-
 use crate::base::{Result, Rgb};
+use crate::model::solve_options::SolveOptions;
 use crate::store::{ModelFacts, Store};
 use crate::transport::oracle::Tolerances;
 
@@ -19,27 +18,22 @@ pub fn typical_irradiance(facts: &ModelFacts) -> f64 {
 /// Share of the tolerance that a row's links may use up; the rest is for what does not average out.
 const ROW_SHARE: f64 = 0.75;
 
-/// The tolerances of a task. No element edge is below `min_element_m`, by default twice the
-/// tolerance's share of a typical patch's width.
+/// The tolerances of a task.
 #[must_use]
-pub fn of(facts: &ModelFacts, tolerance: f64, min_element_m: Option<f64>) -> Tolerances {
+pub fn of(facts: &ModelFacts, options: &SolveOptions) -> Tolerances {
     Tolerances {
-        row_w_m2: ROW_SHARE * tolerance * typical_irradiance(facts),
-        min_element_m: min_element_m.unwrap_or_else(|| default_min_element_m(facts, tolerance)),
+        row_w_m2: ROW_SHARE * options.tolerance * typical_irradiance(facts),
+        min_element_m: smallest_element_m(facts, options),
     }
 }
 
-/// The smallest element edge of a version's solution, m.
+/// The smallest element edge of a version's solution, m; 0 where nobody has solved on its branch yet.
 pub fn min_element_m(store: &Store, version: u64, facts: &ModelFacts) -> Result<f64> {
     let branch = store.version(version)?.map_or(0, |row| row.branch);
-    let options: Value =
-        store.options_of_branch(branch)?.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default();
-    let of_tolerance = || default_min_element_m(facts, options["tolerance"].as_f64().unwrap_or(0.0));
-    Ok(options["min_element_m"].as_f64().unwrap_or_else(of_tolerance))
+    Ok(store.options_of_branch(branch)?.map_or(0.0, |options| smallest_element_m(facts, &options)))
 }
 
-/// `--min-element` where none is given, m.
-#[must_use]
-pub fn default_min_element_m(facts: &ModelFacts, tolerance: f64) -> f64 {
-    2.0 * tolerance * facts.mean_patch_area_m2.sqrt()
+/// `--min-element`, m: by default twice the tolerance's share of a typical patch's width.
+fn smallest_element_m(facts: &ModelFacts, options: &SolveOptions) -> f64 {
+    options.min_element_m.unwrap_or_else(|| 2.0 * options.tolerance * facts.mean_patch_area_m2.sqrt())
 }

@@ -5,6 +5,7 @@ use rusqlite::{Connection, OptionalExtension};
 use super::Store;
 use crate::base::text::shown;
 use crate::base::{Error, Result};
+use crate::model::solve_options::SolveOptions;
 
 /// A solution version's place and figures.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,9 +103,12 @@ impl Store {
         Ok(query.query_row([branch], |r| r.get(0))?)
     }
 
-    /// What shaped a branch's solution, as the JSON that its tasks recorded; `None` before any task.
-    pub fn options_of_branch(&self, branch: u64) -> Result<Option<String>> {
-        Ok(self.connection().query_row("SELECT options FROM branches WHERE id = ?1", [branch], |r| r.get(0))?)
+    /// What shaped a branch's solution; `None` before any task. Fails with damage if its row cannot be read.
+    pub fn options_of_branch(&self, branch: u64) -> Result<Option<SolveOptions>> {
+        let options = "SELECT options FROM branches WHERE id = ?1";
+        let json: Option<String> = self.connection().query_row(options, [branch], |r| r.get(0))?;
+        let read = |json: String| SolveOptions::from_json(&json);
+        json.map(read).transpose().map_err(|e| self.lacks(&format!("options of branch {branch}: {e}")))
     }
 
     /// Number of groups; 0 before partition.

@@ -19,6 +19,7 @@ use crate::model::order::UpdateOrder;
 use crate::model::origin::PatchSource;
 use crate::model::rays::{ClusterRef, RayNode, RayPatch, TOP};
 use crate::model::report::TaskReport;
+use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 
 /// A radiosity payload of a one-patch cluster on whose front `irradiance` arrives.
 pub fn light(cluster: u32, irradiance: f32) -> Vec<u8> {
@@ -162,7 +163,8 @@ pub fn partition(store: &Store, groups: u32) {
 
 /// Settings to solve with.
 pub fn settings(order: UpdateOrder) -> SolveSettings {
-    SolveSettings { options_hash: "standard".to_owned(), options: "{}".to_owned(), tolerance: 0.02, order }
+    let (inner, links) = (InnerOption::Converge, LinkStorage::Keep);
+    SolveSettings { options: SolveOptions { tolerance: 0.02, min_element_m: None, inner, links, seed: 1 }, order }
 }
 
 /// Solves a leased group: `irradiance` arrives on the front of each of its clusters.

@@ -4,22 +4,28 @@
 use rusqlite::{Connection, OptionalExtension, Transaction, params};
 
 use super::branches::{self, VersionRow};
+use super::stage_rows::hash;
 use super::{Stage, Store};
 use crate::base::text::for_shell;
 use crate::base::{Error, Result};
 use crate::model::order::UpdateOrder;
+use crate::model::solve_options::SolveOptions;
 
 /// What a solver brings along.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolveSettings {
-    /// Hash of the options that shape the solution (not order, memory, workers, caches).
-    pub options_hash: String,
-    /// The same options as JSON, for people.
-    pub options: String,
-    /// The error people dial.
-    pub tolerance: f64,
+    /// What shapes the solution.
+    pub options: SolveOptions,
     /// How updates become versions.
     pub order: UpdateOrder,
+}
+
+impl SolveSettings {
+    /// Hash of the options that shape the solution: what tells branches apart.
+    #[must_use]
+    pub fn options_hash(&self) -> String {
+        hash([self.options.to_json().as_bytes()])
+    }
 }
 
 /// The iteration under way.
@@ -83,7 +89,7 @@ impl Store {
         let opened = tx.execute(
             "INSERT INTO tasks (branch, iteration, group_id, update_order, state, base_version, options_hash, partition_hash)
              SELECT ?1, ?2, id, ?3, 'free', ?4, ?5, ?6 FROM groups ORDER BY id",
-            params![branch, number, settings.order.name(), newest.id, settings.options_hash, partition],
+            params![branch, number, settings.order.name(), newest.id, settings.options_hash(), partition],
         )?;
         if opened == 0 {
             return Err(Error::StageMissing {
@@ -135,7 +141,7 @@ fn newest_branch(tx: &Transaction<'_>, settings: &SolveSettings) -> Result<u64> 
     }
     match hash {
         None => adopt(tx, branch, settings).map(|()| branch),
-        Some(hash) if hash == settings.options_hash => Ok(branch),
+        Some(hash) if hash == settings.options_hash() => Ok(branch),
         Some(_) => open_branch(tx, newest, settings),
     }
 }
@@ -174,7 +180,7 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
         .query_row(
             "SELECT id FROM branches WHERE (base_version = ?1 AND cause = 'settings' OR continued_from = ?1) AND options_hash = ?2
              ORDER BY id DESC LIMIT 1",
-            params![version, settings.options_hash],
+            params![version, settings.options_hash()],
             |r| r.get(0),
         )
         .optional()?;
@@ -189,7 +195,7 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
     if !is_kept {
         return Err(store.no_such_version(version, "gc has removed version"));
     }
-    if newest_of(tx, row.branch)?.id != version || hash.is_some_and(|hash| hash != settings.options_hash) {
+    if newest_of(tx, row.branch)?.id != version || hash.is_some_and(|hash| hash != settings.options_hash()) {
         return open_branch(tx, version, settings);
     }
     adopt(tx, row.branch, settings)?;
@@ -201,7 +207,7 @@ fn branch_from(store: &Store, tx: &Transaction<'_>, version: u64, settings: &Sol
 fn adopt(tx: &Transaction<'_>, branch: u64, settings: &SolveSettings) -> Result<()> {
     tx.execute(
         "UPDATE branches SET options_hash = ?2, options = ?3, tolerance = ?4 WHERE id = ?1",
-        params![branch, settings.options_hash, settings.options, settings.tolerance],
+        params![branch, settings.options_hash(), settings.options.to_json(), settings.options.tolerance],
     )?;
     Ok(())
 }
@@ -227,5 +233,19 @@ mod tests {
         let store = fixture::store(dir.path(), 2);
         store.connection().execute("UPDATE solution_versions SET parent = id", []).unwrap();
         assert!(has_ingested_materials(store.connection(), 0).unwrap());
+    }
+
+    #[test]
+    fn options_of_a_branch_are_read_back_unless_their_row_is_damaged() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 2);
+        fixture::partition(&store, 1);
+        assert_eq!(store.options_of_branch(0).unwrap(), None);
+        let settings = fixture::settings(UpdateOrder::Jacobi);
+        store.open_iteration(None, &settings).unwrap();
+        assert_eq!(store.options_of_branch(0).unwrap(), Some(settings.options));
+        store.connection().execute("UPDATE branches SET options = '{\"tolerance\":0.02}'", []).unwrap();
+        let error = store.options_of_branch(0).unwrap_err();
+        assert!(error.to_string().contains("options of branch 0: missing field"), "{error}");
     }
 }

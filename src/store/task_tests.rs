@@ -7,6 +7,7 @@ use super::*;
 use crate::base::ClusterId;
 use crate::model::ExtentKind;
 use crate::model::order::UpdateOrder;
+use crate::model::solve_options::SolveOptions;
 
 fn count(store: &Store, sql: &str) -> u64 {
     store.connection().query_row(sql, [], |r| r.get(0)).unwrap()
@@ -105,7 +106,7 @@ fn other_settings_or_an_older_version_open_a_branch_that_later_callers_join() {
     let store = fixture::store(dir.path(), 2);
     fixture::partition(&store, 1);
     let usual = settings(UpdateOrder::Jacobi);
-    let finer = SolveSettings { options_hash: "final".to_owned(), tolerance: 0.01, ..usual.clone() };
+    let finer = SolveSettings { options: SolveOptions { tolerance: 0.01, ..usual.options }, ..usual };
     assert_eq!(store.open_iteration(None, &usual).unwrap().branch, 0);
     assert_eq!(store.open_iteration(None, &finer).unwrap().branch, 1);
     assert_eq!(store.open_iteration(None, &finer).unwrap().branch, 1, "joins");
