@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::values::{PictureSize, Triple, degrees, length, seconds, share, size};
+use super::values::{PictureSize, Triple, degrees, length, memory, seconds, share, size};
+use crate::base::memory::MemoryBudget;
 use crate::model::solve_options::InnerOption;
 
 /// Largest number that the catalogue holds.
@@ -26,8 +27,8 @@ pub struct Cli {
 #[command(next_help_heading = "Everywhere")]
 pub struct Common {
     /// Anonymous memory of each process, e.g. 2G
-    #[arg(long, global = true, value_name = "SIZE", default_value = "512M", value_parser = size)]
-    pub memory: u64,
+    #[arg(long, global = true, value_name = "SIZE", default_value = "512M", value_parser = memory)]
+    pub memory: MemoryBudget,
     /// Wait this long for a busy store, s
     #[arg(long, global = true, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     pub wait: Duration,

@@ -106,7 +106,7 @@ fn ingest_options(store: PathBuf, models: Vec<PathBuf>, flags: &IngestFlags, com
         emit_both: flags.emit == Emit::Both,
         max_cluster_patches: flags.max_cluster_patches,
         snap_m: flags.snap,
-        memory: MemoryBudget { limit_bytes: common.memory },
+        memory: common.memory,
         fresh: false,
         wait: common.wait,
     }
@@ -136,7 +136,7 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
     let store = entry::open(&args.store, common.wait)?;
     let workers = args.workers.workers.map_or_else(cores, |n| n as usize);
     let options =
-        visibility::Options { missing: args.flags.missing, seed: args.seed.seed, workers, memory_bytes: common.memory };
+        visibility::Options { missing: args.flags.missing, seed: args.seed.seed, workers, memory: common.memory };
     if args.writing.dry_run {
         let plan = visibility::plan(&store, &options)?;
         let what = if plan.done && !args.writing.fresh { "nothing to do" } else { "rays from every cluster" };
@@ -156,11 +156,8 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
 
 fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     let store = entry::open(&args.store, common.wait)?;
-    let options = partition::Options {
-        method: args.method.map(group_method),
-        groups: args.groups.groups,
-        memory_bytes: common.memory,
-    };
+    let options =
+        partition::Options { method: args.method.map(group_method), groups: args.groups.groups, memory: common.memory };
     if args.writing.dry_run {
         let plan = partition::plan(&store, &options)?;
         let what = if plan.done && !args.writing.fresh {
@@ -200,13 +197,13 @@ fn tolerance(flags: &SolveFlags) -> f64 {
     })
 }
 
-/// Options of `solve-group` from its flags; last seed, version and memory in bytes.
+/// Options of `solve-group` from its flags; last seed, version and memory.
 #[must_use]
 pub fn solve_options(
     which: solve_group::Which,
     flags: &SolveFlags,
     schedule: &ScheduleFlags,
-    (seed, version, memory_bytes): (u64, Option<u64>, u64),
+    (seed, version, memory): (u64, Option<u64>, MemoryBudget),
 ) -> solve_group::Options {
     solve_group::Options {
         which,
@@ -232,7 +229,7 @@ pub fn solve_options(
             Schedule::Ws => solve_group::Policy::Ws,
             Schedule::FfdWs => solve_group::Policy::FfdWs { delta: schedule.delta },
         },
-        memory_bytes,
+        memory,
     }
 }
 
@@ -256,7 +253,7 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
             },
             plan.groups,
             plan.min_element_m,
-            common.memory >> 20
+            common.memory.limit_bytes >> 20
         );
         return Ok(Report::plan("solve-group", args.store, &text));
     }
@@ -381,7 +378,7 @@ fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result
         size: (args.size.width, args.size.height),
         version: args.version,
         threads: cores(),
-        memory_bytes: common.memory,
+        memory: common.memory,
     };
     output::keep_off(&args.output.output, &args.store, &[])?;
     let plan = render::plan(&store, &options)?;

@@ -3,6 +3,7 @@
 use std::str::FromStr;
 use std::time::Duration;
 
+use crate::base::memory::MemoryBudget;
 use crate::model::solve_options::InnerOption;
 
 /// Bytes: `512M`, `2G`, in powers of 1024.
@@ -19,6 +20,11 @@ pub fn size(text: &str) -> Result<u64, String> {
     let number: f64 = parse(digits, "a size is a number with K, M, G or T, like `512M`")?;
     let bytes = number * factor as f64;
     if (0.0..9e18).contains(&bytes) { Ok(bytes as u64) } else { Err("the size is out of range".to_owned()) }
+}
+
+/// `--memory`: a size.
+pub fn memory(text: &str) -> Result<MemoryBudget, String> {
+    size(text).map(|limit_bytes| MemoryBudget { limit_bytes })
 }
 
 /// Metres: `0.05`, `5cm`, `2in`.

@@ -6,7 +6,8 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::working_set::WorkingSet;
-use crate::base::{ClusterId, Error, Progress, Result};
+use crate::base::memory::MemoryBudget;
+use crate::base::{ClusterId, Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::quadtree::patch_polygon;
 use crate::model::ExtentKind;
@@ -53,8 +54,8 @@ pub struct Options {
     pub method: Option<Method>,
     /// `--groups`: MinGroups; `None` keeps the store's, or else follows from model and memory.
     pub groups: Option<u32>,
-    /// `--memory`, bytes.
-    pub memory_bytes: u64,
+    /// `--memory`.
+    pub memory: MemoryBudget,
 }
 
 /// What is going to be done.
@@ -93,29 +94,18 @@ const BASE_BYTES: u64 = 16 << 20;
 const PAIR_BYTES: u64 = 100;
 
 /// Refuses a form-factor graph that would not fit in memory.
-fn require_memory(store: &Store, memory_bytes: u64) -> Result<()> {
+fn require_memory(store: &Store, memory: MemoryBudget) -> Result<()> {
     let pairs = store.visibility_figures()?.pairs;
-    let needed = BASE_BYTES + pairs * PAIR_BYTES;
-    if needed <= memory_bytes {
-        return Ok(());
-    }
-    let mib = needed.div_ceil(1 << 20);
-    Err(Error::TooLarge {
-        message: format!(
-            "grouping by {pairs} pairs of clusters needs {mib} MiB, over the limit of {} MiB",
-            memory_bytes >> 20
-        ),
-        help: format!("give `--memory {mib}M`"),
-    })
+    memory.require(&format!("grouping by {pairs} pairs of clusters"), BASE_BYTES + pairs * PAIR_BYTES, "")
 }
 
 /// Decides on method and number, and whether there is anything to do.
 pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
     let visibility = store.require_stage(Stage::Visibility)?;
-    require_memory(store, options.memory_bytes)?;
+    require_memory(store, options.memory)?;
     let facts = store.facts()?;
     let elements_bytes = facts.patches * ELEMENTS_PER_PATCH * ELEMENT_BYTES;
-    let default = elements_bytes.div_ceil(options.memory_bytes / 4).max(LEAST_GROUPS).min(facts.clusters);
+    let default = elements_bytes.div_ceil(options.memory.limit_bytes / 4).max(LEAST_GROUPS).min(facts.clusters);
     let groups = options.groups.map_or(default, u64::from).clamp(1, facts.clusters.max(1)) as usize;
     let method = options.method.unwrap_or_default();
     let text = format!("{{\"method\":\"{}\",\"groups\":{groups}}}", method.name());

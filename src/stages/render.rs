@@ -16,6 +16,7 @@ use super::point_light::PointLight;
 use super::ray_scene::with_scene;
 use super::tolerances;
 use super::working_set::WorkingSet;
+use crate::base::memory::MemoryBudget;
 use crate::base::text::shown;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
@@ -60,8 +61,8 @@ pub struct Options {
     pub version: Option<u64>,
     /// Threads; never changes the picture.
     pub threads: usize,
-    /// `--memory`, bytes.
-    pub memory_bytes: u64,
+    /// `--memory`.
+    pub memory: MemoryBudget,
 }
 
 /// What is going to be drawn.
@@ -117,16 +118,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
     output::check(&options.output, options.force)?;
     let (width, height) = options.size;
     let needed = u64::from(width) * u64::from(height) * PIXEL_BYTES + (32 << 20);
-    if needed > options.memory_bytes {
-        return Err(Error::TooLarge {
-            message: format!(
-                "a picture of {width} x {height} needs {} MiB, over the limit of {} MiB",
-                needed >> 20,
-                options.memory_bytes >> 20
-            ),
-            help: format!("give `--memory {}M`, or a smaller `--size`", (needed >> 20) + 1),
-        });
-    }
+    options.memory.require(&format!("a picture of {width} x {height}"), needed, ", or a smaller `--size`")?;
     let facts = store.facts()?;
     let camera = camera(options, &facts).ok_or_else(|| {
         usage("the camera looks nowhere, or along its up".to_owned(), "give another `--look`, or `--view-up`")
@@ -264,7 +256,7 @@ struct Eye<'a, 's> {
 
 impl<'a, 's> Eye<'a, 's> {
     fn new(set: &'a WorkingSet<'s>, cuts: &'a Cuts<'a>, facts: &ModelFacts, options: &Options) -> Self {
-        let share = (options.memory_bytes / 8 / options.threads.max(1) as u64) as usize;
+        let share = (options.memory.limit_bytes / 8 / options.threads.max(1) as u64) as usize;
         Self {
             set,
             points: PointLight::new(set, cuts, facts, share),

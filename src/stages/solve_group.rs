@@ -8,6 +8,7 @@ use super::group_solver::{GroupSolver, Settings};
 use super::ray_scene::with_scene;
 use super::tolerances;
 use super::working_set::WorkingSet;
+use crate::base::memory::MemoryBudget;
 use crate::base::text::shown;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
@@ -53,8 +54,8 @@ pub struct Options {
     pub order: UpdateOrder,
     /// `--schedule`.
     pub schedule: Policy,
-    /// `--memory`, bytes; never changes the result.
-    pub memory_bytes: u64,
+    /// `--memory`; never changes the result.
+    pub memory: MemoryBudget,
 }
 
 impl Options {
@@ -130,14 +131,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
 
 /// Refuses what does not suffice for any group.
 pub fn require_least_memory(options: &Options) -> Result<()> {
-    let needed = BASE_BYTES + options.link_cache_bytes;
-    if needed <= options.memory_bytes {
-        return Ok(());
-    }
-    Err(Error::TooLarge {
-        message: format!("solving needs {} MiB, over the limit of {} MiB", needed >> 20, options.memory_bytes >> 20),
-        help: format!("give `--memory {}M`, or a smaller `--link-cache`", (needed >> 20) + 1),
-    })
+    options.memory.require("solving", BASE_BYTES + options.link_cache_bytes, ", or a smaller `--link-cache`")
 }
 
 /// Refuses to open another branch under a run that goes on.
@@ -264,19 +258,8 @@ fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &
     // Links are cached once all clusters are refined.
     let links = ((links as f64 * LINKS_IN_MEMORY) as u64).max(plan.options.link_cache_bytes);
     let needed = BASE_BYTES + elements * ELEMENT_BYTES + links;
-    if needed <= plan.options.memory_bytes {
-        return Ok(());
-    }
-    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-    Err(Error::TooLarge {
-        message: format!(
-            "group {group} needs {} MiB for {elements} elements in {} clusters, over the limit of {} MiB",
-            mib(needed),
-            clusters.len(),
-            plan.options.memory_bytes >> 20
-        ),
-        help: format!("give `--memory {}M`, or more than {} groups with `--groups`", mib(needed), plan.groups),
-    })
+    let what = format!("group {group} with {elements} elements in {} clusters", clusters.len());
+    plan.options.memory.require(&what, needed, &format!(", or more than {} groups with `--groups`", plan.groups))
 }
 
 fn solve(

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::ray_scene::with_scene;
 use super::working_set::WorkingSet;
+use crate::base::memory::MemoryBudget;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
 use crate::model::layout::ArraysBuilder;
@@ -29,8 +30,8 @@ pub struct Options {
     pub seed: u64,
     /// `--workers`: threads that cast rays; never changes the result.
     pub workers: usize,
-    /// `--memory`, bytes.
-    pub memory_bytes: u64,
+    /// `--memory`.
+    pub memory: MemoryBudget,
 }
 
 /// What is going to be done.
@@ -115,7 +116,7 @@ fn look_and_list(plan: &Plan<'_>, progress: &dyn Progress, spool_path: &std::pat
     };
     // Lists of a block of clusters at a time, from a pass over the spool: memory is the block's.
     let spooled = std::fs::metadata(spool_path).map_err(io)?.len();
-    let blocks = (4 * spooled).div_ceil(plan.options.memory_bytes / 4).max(1);
+    let blocks = (4 * spooled).div_ceil(plan.options.memory.limit_bytes / 4).max(1);
     let clusters = figures.len() as u64;
     let per_block = clusters.div_ceil(blocks).max(1);
     let mut writer = SegmentWriter::create(store, "visibility")?;
