@@ -1,8 +1,9 @@
-//! Words every other room uses: names, colours, units, errors, progress, memory, text of bytes.
+//! Words every other room uses: names, colours, units, errors, progress, memory, threads, text of bytes.
 
 pub mod error;
 pub mod memory;
 pub mod name;
+pub mod parallel;
 pub mod progress;
 pub mod rgb;
 pub mod text;

@@ -2,8 +2,6 @@
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::DVec3;
 use lru::LruCache;
@@ -17,6 +15,7 @@ use super::ray_scene::with_scene;
 use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;
+use crate::base::parallel::{Crew, Turns};
 use crate::base::text::shown;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
@@ -147,10 +146,7 @@ fn camera(options: &Options, facts: &ModelFacts) -> Option<Camera> {
 pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
     let (width, height) = plan.options.size;
     let mut out = Output::create(&plan.options.output, plan.options.force)?;
-    let rows = rows(plan, progress)?;
-    let pixels: Vec<[f32; 3]> = rows.iter().flat_map(|r| r.pixels.iter().copied()).collect();
-    let covered: u64 = rows.iter().map(|r| r.covered).sum();
-    drop(rows);
+    let (pixels, covered) = draw(plan, progress)?;
     let written = if plan.is_hdr {
         write_hdr(&pixels, (width, height), &header_lines(&plan.options, &plan.facts), &mut out)
     } else {
@@ -194,53 +190,34 @@ struct Row {
     covered: u64,
 }
 
-/// All rows, drawn by several threads.
-fn rows(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Vec<Row>> {
+/// All pixels, row by row, drawn by several threads, and the rays that met something.
+fn draw(plan: &Plan<'_>, progress: &dyn Progress) -> Result<(Vec<[f32; 3]>, u64)> {
     let (width, height) = plan.options.size;
     // Each thread opens the store for itself; of the plan they share the rest.
     let (options, facts, camera, version) = (&plan.options, &plan.facts, &plan.camera, plan.version);
     let (dir, wait) = (plan.store.dir().to_path_buf(), plan.store.wait());
-    let next = AtomicU32::new(0);
-    let done: Mutex<Vec<Option<Row>>> = Mutex::new((0..height).map(|_| None).collect());
-    let failure: Mutex<Option<Error>> = Mutex::new(None);
     progress.begin("draw", "rows", Some(u64::from(height)));
-    std::thread::scope(|scope| {
-        for _ in 0..options.threads.max(1) {
-            scope.spawn(|| {
-                let work = || -> Result<()> {
-                    let store = Store::open(&dir, wait)?;
-                    let set = WorkingSet::open(&store, version)?;
-                    let min_element_m = tolerances::min_element_m(&store, version, facts)?;
-                    with_scene(&set, |open| {
-                        let cuts = Cuts::new(open.scene, min_element_m);
-                        let mut eye = Eye::new(&set, &cuts, facts, options);
-                        loop {
-                            let y = next.fetch_add(1, Ordering::Relaxed);
-                            if y >= height {
-                                return Ok(());
-                            }
-                            if progress.interrupted() {
-                                return Err(Error::Interrupted);
-                            }
-                            let row = eye.row(&cuts, camera, y, (width, height));
-                            open.look.verdict()?;
-                            let row = row?;
-                            done.lock().expect("no thread panics")[y as usize] = Some(row);
-                            progress.at(u64::from(y));
-                        }
-                    })
-                };
-                if let Err(error) = work() {
-                    *failure.lock().expect("no thread panics") = Some(error);
-                    next.store(height, Ordering::Relaxed);
-                }
-            });
-        }
-    });
-    if let Some(error) = failure.into_inner().expect("no thread panics") {
-        return Err(error);
-    }
-    Ok(done.into_inner().expect("no thread panics").into_iter().flatten().collect())
+    let work = |turns: &Turns<'_, Row>| {
+        let store = Store::open(&dir, wait)?;
+        let set = WorkingSet::open(&store, version)?;
+        let min_element_m = tolerances::min_element_m(&store, version, facts)?;
+        with_scene(&set, |open| {
+            let cuts = Cuts::new(open.scene, min_element_m);
+            let mut eye = Eye::new(&set, &cuts, facts, options);
+            turns.each(|y| {
+                let row = eye.row(&cuts, camera, y as u32, (width, height));
+                open.look.verdict()?;
+                row
+            })
+        })
+    };
+    let (mut pixels, mut covered) = (Vec::with_capacity(width as usize * height as usize), 0);
+    Crew { threads: options.threads, progress }.in_order(height as usize, work, |_, row| {
+        pixels.extend(row.pixels);
+        covered += row.covered;
+        Ok(())
+    })?;
+    Ok((pixels, covered))
 }
 
 /// Looks up the light where rays meet the model.

@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::Serialize;
 
 use super::ray_scene::with_scene;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;
+use crate::base::parallel::{Crew, Turns};
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
 use crate::model::layout::ArraysBuilder;
@@ -167,65 +166,31 @@ fn look(
     let ids: Vec<ClusterId> =
         WorkingSet::open(store, version)?.snapshot().clusters().map(|c| c.map(|c| c.id)).collect::<Result<_>>()?;
     progress.begin("look", "clusters", Some(ids.len() as u64));
-    let next = AtomicU64::new(0);
-    let results: Mutex<BTreeMap<usize, Seen>> = Mutex::new(BTreeMap::new());
-    let failure: Mutex<Option<Error>> = Mutex::new(None);
     let effort = Effort { missing: plan.options.missing, seed: plan.options.seed };
+    let work = |turns: &Turns<'_, Seen>| {
+        let store = Store::open(&dir, wait)?;
+        let set = WorkingSet::open(&store, version)?;
+        with_scene(&set, |open| {
+            turns.each(|at| {
+                let loaded = set.mapped(ids[at])?;
+                let view = loaded.view();
+                let seen = look_around(&open.scene, view.id, view.geometry.patches, view.materials, &effort);
+                open.look.verdict()?;
+                Ok(seen)
+            })
+        })
+    };
     let mut figures = BTreeMap::new();
     let (mut blocked_emitters, mut lost_emitters) = (0, 0);
-    std::thread::scope(|scope| -> Result<()> {
-        let workers: Vec<_> = (0..plan.options.workers.max(1))
-            .map(|_| {
-                scope.spawn(|| {
-                    let work = || -> Result<()> {
-                        let store = Store::open(&dir, wait)?;
-                        let set = WorkingSet::open(&store, version)?;
-                        with_scene(&set, |open| {
-                            loop {
-                                let at = next.fetch_add(1, Ordering::Relaxed) as usize;
-                                let Some(&id) = ids.get(at) else { return Ok(()) };
-                                if progress.interrupted() {
-                                    return Err(Error::Interrupted);
-                                }
-                                let loaded = set.mapped(id)?;
-                                let view = loaded.view();
-                                let seen = look_around(&open.scene, id, view.geometry.patches, view.materials, &effort);
-                                open.look.verdict()?;
-                                results.lock().expect("no thread panics").insert(at, seen);
-                            }
-                        })
-                    };
-                    if let Err(error) = work() {
-                        *failure.lock().expect("no thread panics") = Some(error);
-                        next.store(u64::MAX / 2, Ordering::Relaxed);
-                    }
-                })
-            })
-            .collect();
-        let mut done = 0;
-        while done < ids.len() {
-            let ready = results.lock().expect("no thread panics").remove(&done);
-            if let Some(seen) = ready {
-                found(ids[done], &seen).map_err(|e| Error::io(store.dir(), &e))?;
-                blocked_emitters += seen.blocked_emitters;
-                lost_emitters += seen.lost_emitters;
-                let figure = Figure { rays: seen.rays, escape: seen.escape() as f32, missing: seen.missing as f32 };
-                figures.insert(ids[done].0, figure);
-                done += 1;
-                progress.at(done as u64);
-            } else if workers.iter().all(std::thread::ScopedJoinHandle::is_finished)
-                && results.lock().expect("no thread panics").get(&done).is_none()
-            {
-                break;
-            } else {
-                std::thread::sleep(std::time::Duration::from_millis(2));
-            }
-        }
+    let crew = Crew { threads: plan.options.workers, progress };
+    crew.in_order(ids.len(), work, |at, seen| {
+        found(ids[at], &seen).map_err(|e| Error::io(store.dir(), &e))?;
+        blocked_emitters += seen.blocked_emitters;
+        lost_emitters += seen.lost_emitters;
+        let figure = Figure { rays: seen.rays, escape: seen.escape() as f32, missing: seen.missing as f32 };
+        figures.insert(ids[at].0, figure);
         Ok(())
     })?;
-    if let Some(error) = failure.into_inner().expect("no thread panics") {
-        return Err(error);
-    }
     for (count, what) in [(blocked_emitters, "are blocked at once"), (lost_emitters, "light nothing of the model")] {
         if count > 0 {
             progress
