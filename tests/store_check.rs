@@ -58,7 +58,7 @@ fn a_store_that_was_solved_is_sound_and_stays_so_after_gc() {
         }
     }
     assert!(last.converged, "{last:?}");
-    let balance = last.energy_balance.unwrap();
+    let balance = last.figures.unwrap().energy_balance;
     assert!(balance < 0.01, "sealed rooms keep their light: {balance}");
     let sound = || {
         let summary = check::execute(&store, &check::Options::default(), &Quiet).unwrap();

@@ -41,7 +41,7 @@ fn gives_its_light(name: &str) {
     assert_sound(&path);
     let store = Store::open(&path, Duration::from_secs(5)).unwrap();
     // The lamp's radiance is 3 W/(m2 sr): it emits 3 pi W per m2.
-    let emitted = store.version_figures(2).unwrap().unwrap().emitted_w[0];
+    let emitted = store.version_figures(2).unwrap().unwrap().iteration.power.emitted_w[0];
     assert!((emitted - 3.0 * std::f64::consts::PI).abs() < 1e-5, "{emitted}");
     let newest = Snapshot::newest(&store).unwrap();
     assert_eq!((newest.version(), newest.clusters().count()), (2, 2));

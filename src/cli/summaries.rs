@@ -72,11 +72,11 @@ pub fn solve_group(s: &solve_group::Summary) -> Vec<String> {
             format!("{} groups solved, the last {group}; iteration {}", thousands(s.groups_solved), s.iteration),
             format!(
                 "{} elements, {} links ({} new, {} reused), {} rays",
-                count(s.elements as f64),
-                count(s.links_stored as f64),
-                count(s.links_evaluated as f64),
-                count(s.links_reused as f64),
-                count(s.rays as f64)
+                count(s.work.elements as f64),
+                count(s.work.links_stored as f64),
+                count(s.work.links_evaluated as f64),
+                count(s.work.links_reused as f64),
+                count(s.work.rays as f64)
             ),
         ],
     }

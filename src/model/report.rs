@@ -2,25 +2,15 @@
 
 use bincode::{Decode, Encode};
 
+use super::figures::{Power, Work};
+
 /// Figures of one group's visit.
 #[derive(Clone, Debug, Default, PartialEq, Encode, Decode)]
 pub struct TaskReport {
-    /// Power that the group's sides emit, W.
-    pub emitted_w: [f64; 3],
-    /// Power that they absorb, W.
-    pub absorbed_w: [f64; 3],
-    /// Power that leaves the model from them over escape links, W.
-    pub escaped_w: [f64; 3],
-    /// Links whose form factor was computed.
-    pub links_evaluated: u64,
-    /// Links in the group's rows now.
-    pub links_stored: u64,
-    /// Links read back from the store.
-    pub links_reused: u64,
-    /// Rays cast.
-    pub rays: u64,
-    /// Elements of the group's clusters, inner ones too.
-    pub elements: u64,
+    /// Power of the group's sides.
+    pub power: Power,
+    /// What was done in the visit, and the rows and elements of the group's clusters.
+    pub work: Work,
     /// Sum over lit leaves of area times the part of the row that nothing is linked to, m2.
     pub unlinked_area_m2: f64,
     /// Area of lit leaves, m2.
@@ -63,9 +53,15 @@ mod tests {
 
     #[test]
     fn a_report_comes_back_and_a_cut_off_one_does_not() {
-        let report = TaskReport { rays: 7, complete: true, cpu_s: 0.5, ..TaskReport::default() };
+        let report = TaskReport {
+            work: Work { rays: 7, ..Work::default() },
+            complete: true,
+            cpu_s: 0.5,
+            ..TaskReport::default()
+        };
         let bytes = report.encode();
         assert_eq!(TaskReport::decode(&bytes).unwrap(), report);
+        assert_eq!(bytes[96..104], 7u64.to_le_bytes(), "where stores that exist have it");
         assert!(TaskReport::decode(&bytes[1..]).is_err());
     }
 }

@@ -81,11 +81,11 @@ impl<'a, 's> GroupSolver<'a, 's> {
         for (done, &id) in clusters.iter().enumerate() {
             let stored = if self.settings.keep_links { self.stored(id)? } else { StoredLinks::default() };
             let refined = self.refine(id, stored)?;
-            report.links_evaluated += refined.counts.evaluated;
-            report.links_reused += refined.counts.reused;
-            report.rays += refined.counts.rays;
+            report.work.links_evaluated += refined.counts.evaluated;
+            report.work.links_reused += refined.counts.reused;
+            report.work.rays += refined.counts.rays;
             let links: usize = refined.rows.iter().map(Vec::len).sum();
-            report.links_stored += links as u64;
+            report.work.links_stored += links as u64;
             if self.settings.keep_links && refined.stored_changed {
                 rows.push(self.write_links(&refined, writer)?);
             }
@@ -109,7 +109,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         for (member, closure) in members.iter().zip(&closures) {
             self.count_energy(member, closure, &mut report)?;
         }
-        report.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
+        report.work.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
         Ok(Solved { rows, report })
     }
 
@@ -197,8 +197,8 @@ impl<'a, 's> GroupSolver<'a, 's> {
         let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
         let relaxed = relax::relax(members, &mut links, self.settings.inner, self.progress)?;
         report.inner_sweeps = relaxed.sweeps;
-        report.links_reused += links.reused();
-        report.links_evaluated += links.recomputed();
+        report.work.links_reused += links.reused();
+        report.work.links_evaluated += links.recomputed();
         report.q_max =
             members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
         Ok(())
@@ -246,18 +246,18 @@ impl<'a, 's> GroupSolver<'a, 's> {
             let leaf = Node::at(view.id, &patches[usize::from(at.patch)], element.name);
             let covering = covering[at.index()].get_or_insert_with(|| self.cuts.scene().covering(&side(at.index())));
             let shown = covering.shown_share(&leaf);
-            add(&mut report.emitted_w, exitance * (element.area_m2 * shown));
+            add(&mut report.power.emitted_w, exitance * (element.area_m2 * shown));
             if element.irradiance.is_black() {
                 continue;
             }
             let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
             let open = seal::open_share(&self.cuts, self.set, &leaf, self.settings.seed)?.min(shown);
-            add(&mut report.absorbed_w, absorbed * (element.area_m2 * open));
+            add(&mut report.power.absorbed_w, absorbed * (element.area_m2 * open));
         }
         for c in closure {
             let at = member.mesh.nearest(NodeName(c.leaf));
             let area = member.mesh.elements[at].area_m2;
-            add(&mut report.escaped_w, member.radiosity(at) * (area * f64::from(c.escape)));
+            add(&mut report.power.escaped_w, member.radiosity(at) * (area * f64::from(c.escape)));
             if !member.mesh.elements[at].irradiance.is_black() {
                 report.unlinked_area_m2 += area * f64::from(c.unlinked);
                 report.lit_area_m2 += area;

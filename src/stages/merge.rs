@@ -3,12 +3,15 @@
 //! Jacobi publishes once per iteration; replace and sequential make a version of each update. The
 //! figures of an iteration (residual, contraction, energy) are taken at its end, cluster by cluster.
 
-use serde::Serialize;
+use serde::ser::Error as _;
+use serde::{Serialize, Serializer};
+use serde_json::Value;
 
 use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
+use crate::model::figures::{IterationFigures, Work};
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
 use crate::model::order::UpdateOrder;
@@ -55,31 +58,23 @@ pub struct Summary {
     pub estimated_nrms: Option<f64>,
     /// Groups.
     pub groups: u64,
-    /// Elements.
-    pub elements: Option<u64>,
-    /// Links evaluated in the last iteration.
-    pub links_evaluated: Option<u64>,
-    /// Links stored.
-    pub links_stored: Option<u64>,
-    /// Links read back in the last iteration.
-    pub links_reused: Option<u64>,
-    /// Rays cast in the last iteration.
-    pub rays: Option<u64>,
-    /// Share of the lit rows that nothing is linked to.
-    pub unlinked_mean: Option<f64>,
-    /// Power emitted, W.
-    pub emitted_w: Option<[f64; 3]>,
-    /// Power absorbed, W.
-    pub absorbed_w: Option<[f64; 3]>,
-    /// Power that left the model, W.
-    pub escaped_w: Option<[f64; 3]>,
-    /// Largest channel of |emitted - absorbed - escaped| / emitted.
-    pub energy_balance: Option<f64>,
+    /// Figures of the last iteration; none before the first, and null in JSON.
+    #[serde(flatten, serialize_with = "figures_or_nulls")]
+    pub figures: Option<IterationFigures>,
     /// Whether the light no longer changes and yet does not add up.
     #[serde(skip)]
     pub is_unbalanced: bool,
     /// The command to type next.
     pub next: Option<String>,
+}
+
+/// The figures, or null for each.
+fn figures_or_nulls<S: Serializer>(figures: &Option<IterationFigures>, to: S) -> std::result::Result<S::Ok, S::Error> {
+    let mut value = serde_json::to_value(figures.unwrap_or_default()).map_err(S::Error::custom)?;
+    if let (None, Some(keys)) = (figures, value.as_object_mut()) {
+        keys.values_mut().for_each(|value| *value = Value::Null);
+    }
+    value.serialize(to)
 }
 
 /// The first few groups, as text.
@@ -102,12 +97,11 @@ impl super::summary::Summary for Summary {
         if let (Some(residual), Some(error)) = (self.residual, self.predicted_error) {
             lines.push(format!("residual {residual:.2e}, error left by stopping here {error:.2e}"));
         }
-        if let (Some(elements), Some(links), Some(rays)) = (self.elements, self.links_stored, self.rays) {
-            lines.push(format!("{elements} elements, {links} links, {rays} rays in the last iteration"));
-        }
-        if let (Some(emitted), Some(balance)) = (self.emitted_w, self.energy_balance) {
-            let [r, g, b] = emitted;
-            lines.push(format!("emitted {r:.4} {g:.4} {b:.4} W, energy balance {balance:.2e}"));
+        if let Some(IterationFigures { work, power, energy_balance, .. }) = self.figures {
+            let Work { elements, links_stored, rays, .. } = work;
+            lines.push(format!("{elements} elements, {links_stored} links, {rays} rays in the last iteration"));
+            let [r, g, b] = power.emitted_w;
+            lines.push(format!("emitted {r:.4} {g:.4} {b:.4} W, energy balance {energy_balance:.2e}"));
         }
         lines
     }
@@ -117,7 +111,7 @@ impl super::summary::Summary for Summary {
     }
 
     fn shortfall(&self) -> Option<Error> {
-        let balance = self.energy_balance.filter(|_| self.is_unbalanced)?;
+        let balance = self.figures.filter(|_| self.is_unbalanced)?.energy_balance;
         Some(Error::NotConverged {
             message: format!(
                 "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
@@ -231,16 +225,7 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         predicted_error: row.predicted_error,
         estimated_nrms: None,
         groups: store.group_count()?,
-        elements: f.as_ref().map(|f| f.elements),
-        links_evaluated: f.as_ref().map(|f| f.links_evaluated),
-        links_stored: f.as_ref().map(|f| f.links_stored),
-        links_reused: f.as_ref().map(|f| f.links_reused),
-        rays: f.as_ref().map(|f| f.rays),
-        unlinked_mean: f.as_ref().map(|f| f.unlinked_mean),
-        emitted_w: f.as_ref().map(|f| f.emitted_w),
-        absorbed_w: f.as_ref().map(|f| f.absorbed_w),
-        escaped_w: f.as_ref().map(|f| f.escaped_w),
-        energy_balance: f.as_ref().map(|f| f.energy_balance),
+        figures: f.as_ref().map(|f| f.iteration),
         is_unbalanced: f.as_ref().is_some_and(is_unbalanced),
         next: Some(next),
     })
@@ -256,7 +241,7 @@ const BALANCED: f64 = 0.01;
 /// Whether light no longer changes though its balance shows that it is wrong: more iterations do not mend that.
 #[must_use]
 pub fn is_unbalanced(figures: &VersionFigures) -> bool {
-    figures.energy_balance > BALANCED && figures.predicted_error <= figures.tolerance / STOP
+    figures.iteration.energy_balance > BALANCED && figures.predicted_error <= figures.tolerance / STOP
 }
 
 /// Figures of the iteration that ends with the updates `now` on top of `base`.
@@ -276,39 +261,18 @@ fn figures(
     let contraction = residual::contraction(&residuals, q);
     let predicted_error = residual::predicted_error(residual, contraction);
     let complete = reports.len() == tasks.len() && reports.iter().all(|r| r.complete);
-    let sum = |part: fn(&TaskReport) -> [f64; 3]| {
-        reports.iter().fold([0.0; 3], |sum: [f64; 3], r| std::array::from_fn(|i| sum[i] + part(r)[i]))
-    };
-    let (emitted_w, absorbed_w, escaped_w) = (sum(|r| r.emitted_w), sum(|r| r.absorbed_w), sum(|r| r.escaped_w));
-    let count = |part: fn(&TaskReport) -> u64| reports.iter().map(|r| part(r)).sum();
-    let lit_area: f64 = reports.iter().map(|r| r.lit_area_m2).sum();
-    let unlinked_area: f64 = reports.iter().map(|r| r.unlinked_area_m2).sum();
-    let energy_balance = energy_balance(emitted_w, absorbed_w, escaped_w);
-    Ok(VersionFigures {
-        converged: complete && predicted_error <= tolerance / STOP && energy_balance <= BALANCED,
-        tolerance,
-        residual,
-        contraction,
-        predicted_error,
-        emitted_w,
-        absorbed_w,
-        escaped_w,
-        energy_balance,
-        elements: count(|r| r.elements),
-        links_evaluated: count(|r| r.links_evaluated),
-        links_stored: count(|r| r.links_stored),
-        links_reused: count(|r| r.links_reused),
-        rays: count(|r| r.rays),
-        unlinked_mean: if lit_area > 0.0 { unlinked_area / lit_area } else { 0.0 },
-    })
-}
-
-/// Largest channel of |emitted - absorbed - escaped| / emitted; 0 where nothing is emitted.
-fn energy_balance(emitted: [f64; 3], absorbed: [f64; 3], escaped: [f64; 3]) -> f64 {
-    (0..3)
-        .filter(|&i| emitted[i] > 0.0)
-        .map(|i| (emitted[i] - absorbed[i] - escaped[i]).abs() / emitted[i])
-        .fold(0.0, f64::max)
+    let mut iteration = IterationFigures::default();
+    let (mut lit_area_m2, mut unlinked_area_m2) = (0.0, 0.0);
+    for report in &reports {
+        iteration.work += report.work;
+        iteration.power += report.power;
+        lit_area_m2 += report.lit_area_m2;
+        unlinked_area_m2 += report.unlinked_area_m2;
+    }
+    iteration.energy_balance = iteration.power.imbalance();
+    iteration.unlinked_mean = if lit_area_m2 > 0.0 { unlinked_area_m2 / lit_area_m2 } else { 0.0 };
+    let converged = complete && predicted_error <= tolerance / STOP && iteration.energy_balance <= BALANCED;
+    Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration })
 }
 
 /// The change since the last end of an iteration, over all clusters in order.
@@ -349,6 +313,7 @@ fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Prog
 mod tests {
     use super::*;
     use crate::base::{ClusterId, Quiet};
+    use crate::model::figures::Power;
     use crate::store::{Worker, fixture};
 
     fn merge(store: &Store) -> Result<Summary> {
@@ -376,7 +341,7 @@ mod tests {
         let summary = merge(&store).unwrap();
         assert_eq!((summary.version, summary.iterations, summary.updates), (1, 1, 3));
         assert_eq!(summary.residual, Some(1.0), "from dark to lit");
-        assert_eq!(summary.emitted_w, Some([3.0; 3]));
+        assert_eq!(summary.figures.unwrap().power.emitted_w, [3.0; 3]);
         assert_eq!((arrives(&store, 1, 5), arrives(&store, 0, 5)), (4.0, 0.0));
         assert_eq!(merge(&store).unwrap().version, 1, "nothing new");
     }
@@ -414,8 +379,8 @@ mod tests {
             let iteration = store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap();
             let mut worker = Worker::start(&store).unwrap();
             let lease = store.claim(&iteration, &worker, &mut fixture::first).unwrap().unwrap();
-            let (emitted_w, absorbed_w) = ([1.0; 3], [absorbed_w; 3]);
-            let report = TaskReport { complete: true, q_max: 0.5, emitted_w, absorbed_w, ..TaskReport::default() };
+            let power = Power { emitted_w: [1.0; 3], absorbed_w: [absorbed_w; 3], ..Power::default() };
+            let report = TaskReport { complete: true, q_max: 0.5, power, ..TaskReport::default() };
             assert!(store.publish(&lease, &mut worker, &[], &report).unwrap());
             let summary = merge(&store).unwrap();
             assert_eq!((summary.converged, summary.residual), (converged, Some(0.0)));

@@ -12,6 +12,7 @@ use crate::base::memory::MemoryBudget;
 use crate::base::text::shown;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
+use crate::model::figures::Work;
 use crate::model::light::ElementLight;
 use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
@@ -90,16 +91,9 @@ pub struct Summary {
     pub branch: u64,
     /// The iteration.
     pub iteration: u64,
-    /// Elements of the groups solved.
-    pub elements: u64,
-    /// Links whose form factor was computed.
-    pub links_evaluated: u64,
-    /// Links in the groups' rows.
-    pub links_stored: u64,
-    /// Links used again.
-    pub links_reused: u64,
-    /// Rays cast.
-    pub rays: u64,
+    /// What was done in the groups solved.
+    #[serde(flatten)]
+    pub work: Work,
 }
 
 /// Bytes that a task needs whatever the group: code, caches of places, SQLite.
@@ -172,11 +166,7 @@ pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dy
             Ok(Some(report)) => {
                 summary.group = Some(lease.group);
                 summary.groups_solved += 1;
-                summary.elements += report.elements;
-                summary.links_evaluated += report.links_evaluated;
-                summary.links_stored += report.links_stored;
-                summary.links_reused += report.links_reused;
-                summary.rays += report.rays;
+                summary.work += report.work;
                 worker.holds(&current.remembered())?;
             }
             Ok(None) => progress.warn(&format!("group {} was solved by another process meanwhile", lease.group)),

@@ -12,6 +12,7 @@ use super::{
 };
 use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::model::ExtentKind;
+use crate::model::figures::Power;
 use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SideMaterial, TreeNode};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
@@ -174,8 +175,8 @@ pub fn solve(store: &Store, lease: &Lease, worker: &mut Worker<'_>, irradiance: 
         let at = worker.segment.append(ExtentKind::Radiosity, cluster.0, &light(cluster.0, irradiance)).unwrap();
         rows.push(UpdateRow { cluster, kind: ExtentKind::Radiosity, delta: false, at });
     }
-    let report =
-        TaskReport { complete: true, q_max: 0.5, emitted_w: [1.0; 3], absorbed_w: [1.0; 3], ..TaskReport::default() };
+    let power = Power { emitted_w: [1.0; 3], absorbed_w: [1.0; 3], ..Power::default() };
+    let report = TaskReport { complete: true, q_max: 0.5, power, ..TaskReport::default() };
     store.publish(lease, worker, &rows, &report).unwrap()
 }
 

@@ -8,6 +8,7 @@ use super::snapshot::Snapshot;
 use super::{ExtentRef, Store};
 use crate::base::{ClusterId, Error, Result};
 use crate::model::ExtentKind;
+use crate::model::figures::{IterationFigures, Power, Work};
 use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
 
@@ -100,27 +101,15 @@ pub struct VersionFigures {
     pub contraction: f64,
     /// Relative error left by stopping here.
     pub predicted_error: f64,
-    /// Power emitted, W.
-    pub emitted_w: [f64; 3],
-    /// Power absorbed, W.
-    pub absorbed_w: [f64; 3],
-    /// Power that left the model, W.
-    pub escaped_w: [f64; 3],
-    /// Largest channel of |emitted - absorbed - escaped| / emitted.
-    pub energy_balance: f64,
-    /// Elements.
-    pub elements: u64,
-    /// Links evaluated in the iteration.
-    pub links_evaluated: u64,
-    /// Links stored.
-    pub links_stored: u64,
-    /// Links read back in the iteration.
-    pub links_reused: u64,
-    /// Rays cast in the iteration.
-    pub rays: u64,
-    /// Share of the lit rows that nothing is linked to.
-    pub unlinked_mean: f64,
+    /// What its tasks came to.
+    pub iteration: IterationFigures,
 }
+
+/// The columns of [`VersionFigures`].
+const FIGURES: &str =
+    "converged, tolerance, residual, contraction, predicted_error, emitted_r_w, emitted_g_w, emitted_b_w,
+    absorbed_r_w, absorbed_g_w, absorbed_b_w, escaped_r_w, escaped_g_w, escaped_b_w, energy_balance, elements,
+    links_evaluated, links_stored, links_reused, rays, unlinked_mean";
 
 fn damaged(detail: impl Into<String>) -> Error {
     Error::damaged(std::path::Path::new(super::sql::CATALOGUE), detail)
@@ -262,29 +251,28 @@ impl Store {
 
     /// Figures of the end of an iteration; `None` for other versions and for version 0.
     pub fn version_figures(&self, version: u64) -> Result<Option<VersionFigures>> {
-        let mut query = self.connection().prepare_cached(
-            "SELECT converged, tolerance, residual, contraction, predicted_error, emitted_r_w, emitted_g_w, emitted_b_w,
-                absorbed_r_w, absorbed_g_w, absorbed_b_w, escaped_r_w, escaped_g_w, escaped_b_w, energy_balance,
-                elements, links_evaluated, links_stored, links_reused, rays, unlinked_mean
-             FROM solution_versions WHERE id = ?1 AND residual IS NOT NULL",
-        )?;
+        let sql = format!("SELECT {FIGURES} FROM solution_versions WHERE id = ?1 AND residual IS NOT NULL");
+        let mut query = self.connection().prepare_cached(&sql)?;
         let row = query.query_row([version], |r| {
+            let triple = |at: usize| Ok::<_, rusqlite::Error>([r.get(at)?, r.get(at + 1)?, r.get(at + 2)?]);
             Ok(VersionFigures {
                 converged: r.get(0)?,
                 tolerance: r.get(1)?,
                 residual: r.get(2)?,
                 contraction: r.get(3)?,
                 predicted_error: r.get(4)?,
-                emitted_w: [r.get(5)?, r.get(6)?, r.get(7)?],
-                absorbed_w: [r.get(8)?, r.get(9)?, r.get(10)?],
-                escaped_w: [r.get(11)?, r.get(12)?, r.get(13)?],
-                energy_balance: r.get(14)?,
-                elements: r.get(15)?,
-                links_evaluated: r.get(16)?,
-                links_stored: r.get(17)?,
-                links_reused: r.get(18)?,
-                rays: r.get(19)?,
-                unlinked_mean: r.get(20)?,
+                iteration: IterationFigures {
+                    power: Power { emitted_w: triple(5)?, absorbed_w: triple(8)?, escaped_w: triple(11)? },
+                    energy_balance: r.get(14)?,
+                    work: Work {
+                        elements: r.get(15)?,
+                        links_evaluated: r.get(16)?,
+                        links_stored: r.get(17)?,
+                        links_reused: r.get(18)?,
+                        rays: r.get(19)?,
+                    },
+                    unlinked_mean: r.get(20)?,
+                },
             })
         });
         Ok(row.optional()?)
@@ -366,37 +354,34 @@ fn insert_version(
         params![version, parent, task.branch, task.iteration, figures.is_some()],
     )?;
     let Some(f) = figures else { return Ok(()) };
-    let ([er, eg, eb], [ar, ag, ab], [sr, sg, sb]) = (f.emitted_w, f.absorbed_w, f.escaped_w);
-    tx.execute(
-        "UPDATE solution_versions SET converged = ?2, tolerance = ?3, residual = ?4, contraction = ?5,
-            predicted_error = ?6, emitted_r_w = ?7, emitted_g_w = ?8, emitted_b_w = ?9, absorbed_r_w = ?10,
-            absorbed_g_w = ?11, absorbed_b_w = ?12, escaped_r_w = ?13, escaped_g_w = ?14, escaped_b_w = ?15,
-            energy_balance = ?16, elements = ?17, links_evaluated = ?18, links_stored = ?19, links_reused = ?20,
-            rays = ?21, unlinked_mean = ?22 WHERE id = ?1",
-        params![
-            version,
-            f.converged,
-            f.tolerance,
-            f.residual,
-            f.contraction,
-            f.predicted_error,
-            er,
-            eg,
-            eb,
-            ar,
-            ag,
-            ab,
-            sr,
-            sg,
-            sb,
-            f.energy_balance,
-            f.elements,
-            f.links_evaluated,
-            f.links_stored,
-            f.links_reused,
-            f.rays,
-            f.unlinked_mean
-        ],
-    )?;
+    let IterationFigures { work, power, energy_balance, unlinked_mean } = f.iteration;
+    let ([er, eg, eb], [ar, ag, ab], [sr, sg, sb]) = (power.emitted_w, power.absorbed_w, power.escaped_w);
+    let values = params![
+        version,
+        f.converged,
+        f.tolerance,
+        f.residual,
+        f.contraction,
+        f.predicted_error,
+        er,
+        eg,
+        eb,
+        ar,
+        ag,
+        ab,
+        sr,
+        sg,
+        sb,
+        energy_balance,
+        work.elements,
+        work.links_evaluated,
+        work.links_stored,
+        work.links_reused,
+        work.rays,
+        unlinked_mean
+    ];
+    let places: Vec<String> = (2..=values.len()).map(|at| format!("?{at}")).collect();
+    let sql = format!("UPDATE solution_versions SET ({FIGURES}) = ({}) WHERE id = ?1", places.join(", "));
+    tx.execute(&sql, values)?;
     Ok(())
 }

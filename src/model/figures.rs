@@ -1,0 +1,77 @@
+//! What work came to: the figures of a visit to a group, of an iteration, and of a run, listed once.
+
+use std::ops::AddAssign;
+
+use bincode::{Decode, Encode};
+use serde::Serialize;
+
+/// What was done and what there is now.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode, Serialize)]
+pub struct Work {
+    /// Links whose form factor was computed.
+    pub links_evaluated: u64,
+    /// Links in rows now.
+    pub links_stored: u64,
+    /// Links used again as they were.
+    pub links_reused: u64,
+    /// Rays cast.
+    pub rays: u64,
+    /// Elements, inner ones too.
+    pub elements: u64,
+}
+
+impl AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.links_evaluated += other.links_evaluated;
+        self.links_stored += other.links_stored;
+        self.links_reused += other.links_reused;
+        self.rays += other.rays;
+        self.elements += other.elements;
+    }
+}
+
+/// Where power goes, W.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Encode, Decode, Serialize)]
+pub struct Power {
+    /// What sides emit.
+    pub emitted_w: [f64; 3],
+    /// What they absorb.
+    pub absorbed_w: [f64; 3],
+    /// What leaves the model over escape links.
+    pub escaped_w: [f64; 3],
+}
+
+impl Power {
+    /// Largest channel of |emitted - absorbed - escaped| / emitted; 0 where nothing is emitted.
+    #[must_use]
+    pub fn imbalance(&self) -> f64 {
+        (0..3)
+            .filter(|&i| self.emitted_w[i] > 0.0)
+            .map(|i| (self.emitted_w[i] - self.absorbed_w[i] - self.escaped_w[i]).abs() / self.emitted_w[i])
+            .fold(0.0, f64::max)
+    }
+}
+
+impl AddAssign for Power {
+    fn add_assign(&mut self, other: Self) {
+        let add = |sum: &mut [f64; 3], part: [f64; 3]| sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        add(&mut self.emitted_w, other.emitted_w);
+        add(&mut self.absorbed_w, other.absorbed_w);
+        add(&mut self.escaped_w, other.escaped_w);
+    }
+}
+
+/// Figures of an iteration, summed over its tasks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct IterationFigures {
+    /// Work in the iteration.
+    #[serde(flatten)]
+    pub work: Work,
+    /// Power at its end.
+    #[serde(flatten)]
+    pub power: Power,
+    /// See [`Power::imbalance`].
+    pub energy_balance: f64,
+    /// Share of the lit rows that nothing is linked to.
+    pub unlinked_mean: f64,
+}
