@@ -20,18 +20,18 @@ fn ingest_options(dir: &std::path::Path) -> ingest::Options {
 }
 
 fn solve_options(order: UpdateOrder) -> solve_group::Options {
+    let options = solve_group::SolveOptions {
+        tolerance: 0.1,
+        min_element_m: None,
+        inner: solve_group::InnerOption::Converge,
+        links: solve_group::LinkStorage::Keep,
+        seed: 1,
+    };
     solve_group::Options {
         which: solve_group::Which::UntilDone,
         version: None,
-        shaping: solve_group::SolveOptions {
-            tolerance: 0.1,
-            min_element_m: None,
-            inner: solve_group::InnerOption::Converge,
-            links: solve_group::LinkStorage::Keep,
-            seed: 1,
-        },
+        settings: solve_group::SolveSettings { options, order },
         link_cache_bytes: 32 << 20,
-        order,
         schedule: clerestory::partition::schedule::Policy::FfdWs { delta: 16 },
         memory: MemoryBudget::DEFAULT,
     }

@@ -205,25 +205,26 @@ pub fn solve_options(
     schedule: &ScheduleFlags,
     (seed, version, memory): (u64, Option<u64>, MemoryBudget),
 ) -> solve_group::Options {
+    let options = solve_group::SolveOptions {
+        tolerance: tolerance(flags),
+        min_element_m: flags.min_element,
+        inner: flags.inner,
+        links: match flags.links {
+            LinkStorage::Keep => solve_group::LinkStorage::Keep,
+            LinkStorage::Discard => solve_group::LinkStorage::Discard,
+        },
+        seed,
+    };
+    let order = match flags.order {
+        Order::Jacobi => UpdateOrder::Jacobi,
+        Order::Replace => UpdateOrder::Replace,
+        Order::Sequential => UpdateOrder::Sequential,
+    };
     solve_group::Options {
         which,
         version,
-        shaping: solve_group::SolveOptions {
-            tolerance: tolerance(flags),
-            min_element_m: flags.min_element,
-            inner: flags.inner,
-            links: match flags.links {
-                LinkStorage::Keep => solve_group::LinkStorage::Keep,
-                LinkStorage::Discard => solve_group::LinkStorage::Discard,
-            },
-            seed,
-        },
+        settings: solve_group::SolveSettings { options, order },
         link_cache_bytes: flags.link_cache,
-        order: match flags.order {
-            Order::Jacobi => UpdateOrder::Jacobi,
-            Order::Replace => UpdateOrder::Replace,
-            Order::Sequential => UpdateOrder::Sequential,
-        },
         schedule: match schedule.schedule {
             Schedule::Ffd => solve_group::Policy::Ffd,
             Schedule::Ws => solve_group::Policy::Ws,
@@ -257,15 +258,7 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
         );
         return Ok(Report::plan("solve-group", args.store, &text));
     }
-    let resources = || {
-        let f = context.watch.figures();
-        solve_group::Resources {
-            peak_anon_bytes: f.peak_anon_bytes,
-            cpu_s: f.cpu_s,
-            bytes_read: f.bytes_read,
-            bytes_written: f.bytes_written,
-        }
-    };
+    let resources = || context.watch.figures().used;
     let _process = entry::enter(&store, "solve-group", None)?;
     let summary = solve_group::execute(&plan, &resources, context.progress)?;
     remember(context, "solve-group", &args.store, common.wait)?;

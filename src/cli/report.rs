@@ -65,13 +65,11 @@ impl Report {
 
     /// The figures with the peaks of the processes that the verb started: the larger counts.
     #[must_use]
-    pub fn with_children(&self, own: Figures) -> Figures {
+    pub fn with_children(&self, mut own: Figures) -> Figures {
         let of = |key: &str| self.keys.get(key).and_then(Value::as_u64).unwrap_or(0);
-        Figures {
-            peak_rss_bytes: own.peak_rss_bytes.max(of("peak_rss_bytes")),
-            peak_anon_bytes: own.peak_anon_bytes.max(of("peak_anon_bytes")),
-            ..own
-        }
+        own.peak_rss_bytes = own.peak_rss_bytes.max(of("peak_rss_bytes"));
+        own.used.peak_anon_bytes = own.used.peak_anon_bytes.max(of("peak_anon_bytes"));
+        own
     }
 
     /// The JSON document.
@@ -83,11 +81,11 @@ impl Report {
         put("store", json!(self.store.as_ref().map(shown)));
         put("version_of_program", json!(env!("CARGO_PKG_VERSION")));
         put("wall_s", json!(figures.wall_s));
-        put("cpu_s", json!(figures.cpu_s));
+        put("cpu_s", json!(figures.used.cpu_s));
         put("peak_rss_bytes", json!(figures.peak_rss_bytes));
-        put("peak_anon_bytes", json!(figures.peak_anon_bytes));
-        put("bytes_read", json!(figures.bytes_read));
-        put("bytes_written", json!(figures.bytes_written));
+        put("peak_anon_bytes", json!(figures.used.peak_anon_bytes));
+        put("bytes_read", json!(figures.used.bytes_read));
+        put("bytes_written", json!(figures.used.bytes_written));
         put("warnings", json!(warnings));
         put("next", json!(self.next));
         for (key, value) in &self.keys {
@@ -105,11 +103,11 @@ impl Report {
         out += &format!(
             "Done in {} (CPU {}, peak {} anonymous, {} resident; {} read, {} written).\n",
             span(figures.wall_s),
-            span(figures.cpu_s),
-            bytes(figures.peak_anon_bytes),
+            span(figures.used.cpu_s),
+            bytes(figures.used.peak_anon_bytes),
             bytes(figures.peak_rss_bytes),
-            bytes(figures.bytes_read),
-            bytes(figures.bytes_written)
+            bytes(figures.used.bytes_read),
+            bytes(figures.used.bytes_written)
         );
         if let Some(next) = &self.next {
             out += &format!("Next: {next}\n");

@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use crate::model::figures::Resources;
+
 /// Between two looks at the anonymous memory.
 const PERIOD: Duration = Duration::from_millis(20);
 /// Clock ticks of `/proc/self/stat`: fixed on Linux.
@@ -16,16 +18,10 @@ const TICKS_PER_S: f64 = 100.0;
 pub struct Figures {
     /// Time, s.
     pub wall_s: f64,
-    /// Processor time, s.
-    pub cpu_s: f64,
     /// Largest resident memory, bytes.
     pub peak_rss_bytes: u64,
-    /// Largest anonymous memory, bytes.
-    pub peak_anon_bytes: u64,
-    /// Bytes read: by calls, or from disk where more (mapped files).
-    pub bytes_read: u64,
-    /// Bytes written.
-    pub bytes_written: u64,
+    /// The rest.
+    pub used: Resources,
 }
 
 /// Watches the process until dropped.
@@ -62,12 +58,14 @@ impl Watch {
         let since = |now: u64, before: u64| now.saturating_sub(before);
         Figures {
             wall_s: self.began.elapsed().as_secs_f64(),
-            cpu_s: now.cpu_s - before.cpu_s,
             peak_rss_bytes: status("VmHWM:"),
-            peak_anon_bytes: self.peak_anon.load(Ordering::Relaxed),
-            bytes_read: since(now.bytes_asked, before.bytes_asked)
-                .max(since(now.bytes_from_disk, before.bytes_from_disk)),
-            bytes_written: since(now.bytes_written, before.bytes_written),
+            used: Resources {
+                cpu_s: now.cpu_s - before.cpu_s,
+                peak_anon_bytes: self.peak_anon.load(Ordering::Relaxed),
+                bytes_read: since(now.bytes_asked, before.bytes_asked)
+                    .max(since(now.bytes_from_disk, before.bytes_from_disk)),
+                bytes_written: since(now.bytes_written, before.bytes_written),
+            },
         }
     }
 }
@@ -143,8 +141,8 @@ mod tests {
         assert_eq!(block[4096], 1);
         drop(block);
         let after = watch.figures();
-        assert!(after.peak_anon_bytes >= before.peak_anon_bytes.max(64 << 20), "{after:?}");
-        assert!(after.wall_s > before.wall_s && after.bytes_read > 0);
+        assert!(after.used.peak_anon_bytes >= before.used.peak_anon_bytes.max(64 << 20), "{after:?}");
+        assert!(after.wall_s > before.wall_s && after.used.bytes_read > 0);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What work came to: the figures of a visit to a group, of an iteration, and of a run, listed once.
+//! What work came to and what it took: the figures of a visit to a group, of an iteration, and of a run, listed once.
 
 use std::ops::AddAssign;
 
@@ -58,6 +58,32 @@ impl AddAssign for Power {
         add(&mut self.emitted_w, other.emitted_w);
         add(&mut self.absorbed_w, other.absorbed_w);
         add(&mut self.escaped_w, other.escaped_w);
+    }
+}
+
+/// What a process used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Encode, Decode)]
+pub struct Resources {
+    /// Largest anonymous memory so far, bytes.
+    pub peak_anon_bytes: u64,
+    /// Processor time, s.
+    pub cpu_s: f64,
+    /// Bytes read: by calls, or from disk where more (mapped files).
+    pub bytes_read: u64,
+    /// Bytes written.
+    pub bytes_written: u64,
+}
+
+impl Resources {
+    /// What has been used since `before`; the peak is that of all the time.
+    #[must_use]
+    pub fn since(self, before: &Self) -> Self {
+        Self {
+            cpu_s: self.cpu_s - before.cpu_s,
+            bytes_read: self.bytes_read - before.bytes_read,
+            bytes_written: self.bytes_written - before.bytes_written,
+            ..self
+        }
     }
 }
 

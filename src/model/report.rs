@@ -2,7 +2,7 @@
 
 use bincode::{Decode, Encode};
 
-use super::figures::{Power, Work};
+use super::figures::{Power, Resources, Work};
 
 /// Figures of one group's visit.
 #[derive(Clone, Debug, Default, PartialEq, Encode, Decode)]
@@ -22,14 +22,8 @@ pub struct TaskReport {
     pub inner_sweeps: u32,
     /// Largest row sum of reflectance times form factor.
     pub q_max: f64,
-    /// Largest anonymous memory of the process, bytes.
-    pub peak_anon_bytes: u64,
-    /// Processor time, s.
-    pub cpu_s: f64,
-    /// Bytes read from the store.
-    pub bytes_read: u64,
-    /// Bytes written to the store.
-    pub bytes_written: u64,
+    /// What the visit used.
+    pub used: Resources,
 }
 
 impl TaskReport {
@@ -53,12 +47,8 @@ mod tests {
 
     #[test]
     fn a_report_comes_back_and_a_cut_off_one_does_not() {
-        let report = TaskReport {
-            work: Work { rays: 7, ..Work::default() },
-            complete: true,
-            cpu_s: 0.5,
-            ..TaskReport::default()
-        };
+        let (work, used) = (Work { rays: 7, ..Work::default() }, Resources { cpu_s: 0.5, ..Resources::default() });
+        let report = TaskReport { work, used, complete: true, ..TaskReport::default() };
         let bytes = report.encode();
         assert_eq!(TaskReport::decode(&bytes).unwrap(), report);
         assert_eq!(bytes[96..104], 7u64.to_le_bytes(), "where stores that exist have it");

@@ -237,7 +237,7 @@ impl Coordinator<'_> {
     /// Iterates until converged, out of iterations, or stuck on failed groups. Gives the branch and
     /// those groups.
     fn iterate(&mut self) -> Result<(u64, Vec<u32>)> {
-        let settings = self.options.solve.settings();
+        let settings = self.options.solve.settings;
         if let Some(version) = self.options.solve.version
             && !self.store.has_ingested_materials(version)?
         {
@@ -284,7 +284,7 @@ impl Coordinator<'_> {
     /// Has all groups of an iteration solved and merged; gives the groups that failed.
     fn solve(&mut self, iteration: &Iteration) -> Result<Vec<u32>> {
         let (branch, number) = (iteration.branch, iteration.number);
-        let order = self.store.tasks(branch, number)?.first().map_or(self.options.solve.order, |t| t.order);
+        let order = self.store.tasks(branch, number)?.first().map_or(self.options.solve.settings.order, |t| t.order);
         let counts = self.store.task_counts(branch, number)?;
         self.progress.begin(&format!("iteration {number}"), "groups", Some(counts.total()));
         let mut workers: Vec<Running> = Vec::new();

@@ -12,15 +12,16 @@ use crate::base::memory::MemoryBudget;
 use crate::base::text::shown;
 use crate::base::{ClusterId, Error, Progress, Result};
 use crate::model::ExtentKind;
+pub use crate::model::figures::Resources;
 use crate::model::figures::Work;
 use crate::model::light::ElementLight;
-use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
 pub use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 pub use crate::partition::schedule::Policy;
 use crate::partition::schedule::{self, Candidate};
 use crate::rays::region::Cuts;
-use crate::store::iterations::{Iteration, SolveSettings};
+use crate::store::iterations::Iteration;
+pub use crate::store::iterations::SolveSettings;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
@@ -47,24 +48,14 @@ pub struct Options {
     pub which: Which,
     /// `--version`: go on from there.
     pub version: Option<u64>,
-    /// What shapes the solution: tasks of other settings are another branch's.
-    pub shaping: SolveOptions,
+    /// What shapes the solution (tasks of other options are another branch's), and `--order`.
+    pub settings: SolveSettings,
     /// `--link-cache`, bytes; never changes the result.
     pub link_cache_bytes: u64,
-    /// `--order`.
-    pub order: UpdateOrder,
     /// `--schedule`.
     pub schedule: Policy,
     /// `--memory`; never changes the result.
     pub memory: MemoryBudget,
-}
-
-impl Options {
-    /// For the store.
-    #[must_use]
-    pub fn settings(&self) -> SolveSettings {
-        SolveSettings { options: self.shaping, order: self.order }
-    }
 }
 
 /// What is going to be done.
@@ -119,7 +110,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
         });
     }
     require_least_memory(options)?;
-    let min_element_m = tolerances::of(&facts, &options.shaping).min_element_m;
+    let min_element_m = tolerances::of(&facts, &options.settings.options).min_element_m;
     Ok(Plan { store, options: options.clone(), facts, groups, min_element_m })
 }
 
@@ -138,12 +129,12 @@ fn require_no_other_run(store: &Store, settings: &SolveSettings) -> Result<()> {
     Ok(())
 }
 
-/// Solves.
+/// Solves. `resources`: what the process has used so far, measured by the caller, which may look at clocks.
 pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dyn Progress) -> Result<Summary> {
     let (store, options) = (plan.store, &plan.options);
-    let settings = options.settings();
-    require_no_other_run(store, &settings)?;
-    let iteration = store.open_iteration(options.version, &settings)?;
+    let settings = &options.settings;
+    require_no_other_run(store, settings)?;
+    let iteration = store.open_iteration(options.version, settings)?;
     let mut summary = Summary {
         converged: iteration.converged,
         branch: iteration.branch,
@@ -179,19 +170,6 @@ pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dy
             return Ok(summary);
         }
     }
-}
-
-/// What the process has used so far; measured by the caller, which may look at clocks.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Resources {
-    /// Largest anonymous memory so far, bytes.
-    pub peak_anon_bytes: u64,
-    /// Processor time, s.
-    pub cpu_s: f64,
-    /// Bytes read.
-    pub bytes_read: u64,
-    /// Bytes written.
-    pub bytes_written: u64,
 }
 
 fn claim(plan: &Plan<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<Option<Lease>> {
@@ -264,7 +242,7 @@ fn solve(
     let base = store
         .version(lease.base_version)?
         .ok_or_else(|| Error::damaged(store.dir(), format!("no version {}", lease.base_version)))?;
-    let shaping = &options.shaping;
+    let shaping = &options.settings.options;
     let inner = match shaping.inner {
         InnerOption::Gathers(count) => Inner::Gathers(count),
         InnerOption::Converge => {
@@ -290,11 +268,7 @@ fn solve(
         let solver = GroupSolver { set, cuts, settings, sides, sources, progress };
         solver.solve(&clusters, &mut worker.segment)
     })?;
-    let after = resources();
-    solved.report.peak_anon_bytes = after.peak_anon_bytes;
-    solved.report.cpu_s = after.cpu_s - before.cpu_s;
-    solved.report.bytes_read = after.bytes_read - before.bytes_read;
-    solved.report.bytes_written = after.bytes_written - before.bytes_written;
+    solved.report.used = resources().since(&before);
     let held = store.publish(lease, worker, &solved.rows, &solved.report)?;
     Ok(held.then_some(solved.report))
 }
