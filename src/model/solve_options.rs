@@ -86,29 +86,17 @@ mod tests {
     /// Golden texts: branches of stores that exist are found by them.
     #[test]
     fn options_are_written_as_ever_and_read_back() {
-        let usual = SolveOptions {
-            tolerance: 0.02,
-            min_element_m: None,
-            inner: InnerOption::Converge,
-            links: LinkStorage::Keep,
-            seed: 1,
-        };
-        let other = SolveOptions {
-            tolerance: 1.0,
-            min_element_m: Some(1e-6),
-            inner: InnerOption::Gathers(3),
-            links: LinkStorage::Discard,
-            seed: u64::MAX,
-        };
+        let (inner, links) = (InnerOption::Converge, LinkStorage::Keep);
+        let usual = SolveOptions { tolerance: 0.02, min_element_m: None, inner, links, seed: 1 };
+        let (inner, links) = (InnerOption::Gathers(3), LinkStorage::Discard);
+        let other = SolveOptions { tolerance: 1.0, min_element_m: Some(1e-6), inner, links, seed: u64::MAX };
+        let all = u64::MAX;
         for (options, json) in [
-            (usual, r#"{"tolerance":0.02,"min_element_m":null,"inner":"converge","links":"keep","seed":1}"#),
-            (
-                other,
-                r#"{"tolerance":1,"min_element_m":0.000001,"inner":3,"links":"discard","seed":18446744073709551615}"#,
-            ),
+            (usual, r#"{"tolerance":0.02,"min_element_m":null,"inner":"converge","links":"keep","seed":1}"#.to_owned()),
+            (other, format!(r#"{{"tolerance":1,"min_element_m":0.000001,"inner":3,"links":"discard","seed":{all}}}"#)),
         ] {
             assert_eq!(options.to_json(), json);
-            assert_eq!(SolveOptions::from_json(json), Ok(options));
+            assert_eq!(SolveOptions::from_json(&json), Ok(options));
         }
     }
 
