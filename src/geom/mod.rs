@@ -1,6 +1,7 @@
 //! Geometry: polygons, quadtree elements, clipping, sampling. Pure; f64.
 
 pub mod bounds;
+pub mod cut_tree;
 pub mod grid;
 pub mod grouping;
 pub mod polygon;

@@ -5,6 +5,7 @@
 //! bytes.
 
 pub mod figures;
+pub mod cut;
 pub mod geometry;
 pub mod invariants;
 pub mod layout;
