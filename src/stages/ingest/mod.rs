@@ -6,7 +6,7 @@
 
 mod clusters;
 mod coincide;
-#[expect(dead_code, reason = "parts are not stored yet")]
+#[cfg_attr(not(test), expect(dead_code, reason = "parts are not stored yet"))]
 mod contact;
 mod darken;
 mod frame;

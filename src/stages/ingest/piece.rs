@@ -18,6 +18,11 @@ pub struct FaceCorner {
     pub normal: u32,
 }
 
+impl FaceCorner {
+    /// Of a corner that a split or a cut made.
+    pub const MADE: Self = Self { vertex: NONE, uv: NONE, normal: NONE };
+}
+
 /// An `f` record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]

@@ -57,7 +57,8 @@ pub fn is_needle(points: &[DVec3]) -> bool {
 }
 
 /// Whether the rounding of stored coordinates leaves nothing of a polygon's area.
-fn is_lost_in_rounding(points: &[DVec3]) -> bool {
+#[must_use]
+pub fn is_lost_in_rounding(points: &[DVec3]) -> bool {
     let farthest = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
     area_vector(points).length() <= longest_edge(points) * ROUNDING * farthest
 }
@@ -215,7 +216,6 @@ fn refuse_too_many(
 }
 
 fn halves(whole: &Piece) -> [Piece; 2] {
-    const MADE: FaceCorner = FaceCorner { vertex: NONE, uv: NONE, normal: NONE };
     let (points, n) = whole.points();
     let length = |i: usize| points[i].distance(points[(i + 1) % n]);
     let longest = (1..n).fold(0, |best, i| if length(i) > length(best) { i } else { best });
@@ -223,7 +223,7 @@ fn halves(whole: &Piece) -> [Piece; 2] {
     let at = |i: usize| (whole.named[(longest + i) % n], whole.corners_m[(longest + i) % n]);
     let mid = |i: usize, j: usize| {
         let middle = (points[(longest + i) % n] + points[(longest + j) % n]) * 0.5;
-        (MADE, middle.as_vec3().to_array())
+        (FaceCorner::MADE, middle.as_vec3().to_array())
     };
     let rebuilt = |corners: &[(FaceCorner, [f32; 3])]| {
         let mut part = Piece { gone: 0, corner_count: corners.len() as u32, ..*whole };

@@ -1,12 +1,28 @@
 //! Cutting of faces along contact lines: where others cross their plane, stand on them or lie on them.
 
+mod cell;
+mod choice;
+mod face;
+mod joined;
+mod neighbours;
+mod plane;
+mod segments;
+mod simple;
+mod sink;
+mod tree;
+mod weld;
+
 use std::path::Path;
 
 use bytemuck::{Pod, Zeroable};
 
+use self::face::cut_face;
+use self::neighbours::Neighbours;
+use self::sink::Sink;
 use super::piece::{FaceCorner, Piece, Source};
 use super::record_file::RecordFile;
-use crate::base::{Progress, Result};
+use super::sorter::Sorter;
+use crate::base::{Error, Progress, Result};
 use crate::model::cut::CutNode;
 
 /// What counts as contact.
@@ -75,28 +91,78 @@ pub struct Tally {
     pub faces: u64,
 }
 
-/// Cuts all faces. `dir`: for files of the result and of the work; `memory_bytes` bounds what is held.
+/// Cuts all faces. `dir`: for files of the result and of the work; `memory_bytes` bounds what is held. What a face
+/// becomes depends on the shapes of all faces alone, not on their order or the memory.
 pub fn cut(
     pieces: &mut RecordFile<Piece>,
-    _rules: &Rules,
+    rules: &Rules,
     dir: &Path,
     memory_bytes: u64,
-    _progress: &dyn Progress,
+    progress: &dyn Progress,
 ) -> Result<Cuts> {
-    let mut faces = RecordFile::create(dir, "cut-faces", memory_bytes / 8)?;
-    let mut parts = RecordFile::create(dir, "cut-parts", memory_bytes / 8)?;
-    let nodes = RecordFile::create(dir, "cut-nodes", memory_bytes / 8)?;
-    let mut tally = Tally::default();
-    for i in 0..pieces.len() {
-        let piece = pieces.get(i)?;
-        let count = u32::from(piece.gone == 0);
-        faces.push(FaceCuts { first_part: parts.len(), parts: count, ..FaceCuts::zeroed() })?;
-        if piece.gone == 0 {
-            let Piece { corners_m, named, corner_count, .. } = piece;
-            parts.push(Part { corners_m, named, corner_count })?;
-            tally.faces += 1;
-            tally.parts += 1;
+    progress.begin("cut", "faces", Some(pieces.len()));
+    let mut neighbours = Neighbours::of(pieces, dir, memory_bytes / 2, progress)?;
+    let mut sink = Sink {
+        parts: RecordFile::create(dir, "cut-parts", memory_bytes / 16)?,
+        nodes: RecordFile::create(dir, "cut-nodes", memory_bytes / 16)?,
+        tally: Tally { faces: neighbours.len(), ..Tally::default() },
+    };
+    let mut most = (1, 0);
+    let mut by_row = Sorter::new(dir, memory_bytes / 8);
+    for i in 0..neighbours.len() {
+        let face = neighbours.face(i)?;
+        let cuts = cut_face(&face, &mut neighbours, rules, &mut sink)?;
+        // Of faces with as many parts the first is told, in whatever order they come.
+        if (cuts.parts, most.1) > (most.0, face.row) {
+            most = (cuts.parts, face.row);
         }
+        by_row.push(RowCuts::new(face.row, cuts))?;
+        if i % 4096 == 0 {
+            progress.at(i);
+            if progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+        }
+    }
+    drop(neighbours);
+    let mut faces = RecordFile::create(dir, "cut-faces", memory_bytes / 16)?;
+    for row in by_row.finish()? {
+        let row = row?;
+        while faces.len() < row.row {
+            faces.push(FaceCuts::zeroed())?;
+        }
+        faces.push(row.cuts())?;
+    }
+    while faces.len() < pieces.len() {
+        faces.push(FaceCuts::zeroed())?;
+    }
+    let Sink { parts, nodes, mut tally } = sink;
+    tally.parts = parts.len();
+    if most.0 > 1 {
+        tally.most = Some((pieces.get(most.1)?.sources[0], most.0));
     }
     Ok(Cuts { faces, parts, nodes, tally })
 }
+
+/// [`FaceCuts`] on their way into the order of rows.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
+#[repr(C)]
+struct RowCuts {
+    row: u64,
+    firsts: [u64; 2],
+    counts: [u32; 2],
+}
+
+impl RowCuts {
+    fn new(row: u64, cuts: FaceCuts) -> Self {
+        Self { row, firsts: [cuts.first_part, cuts.first_node], counts: [cuts.parts, cuts.nodes] }
+    }
+
+    fn cuts(&self) -> FaceCuts {
+        let ([first_part, first_node], [parts, nodes]) = (self.firsts, self.counts);
+        FaceCuts { first_part, first_node, parts, nodes }
+    }
+}
+
+#[cfg(test)]
+mod tests;

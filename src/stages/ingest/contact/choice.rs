@@ -1,0 +1,152 @@
+//! Which line splits a region next.
+
+use glam::DVec2;
+
+use super::cell::{Cell, Halves};
+use super::joined::CHAIN_M;
+use super::plane::{Line, crossing};
+use super::segments::Segment;
+
+/// A region with more segments is halved before it is split along them.
+pub const CROWD: usize = 64;
+/// Segments that are looked at for the next split: the longest, down to half of the longest's length.
+const CANDIDATES: usize = 16;
+const LONG: f64 = 0.5;
+/// Where a crowded region may be halved, as shares of its length.
+const MIDDLES: [f64; 9] = [0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7];
+
+/// How a segment lies to a line.
+enum Side {
+    On,
+    Left,
+    Right,
+    /// At this share of it.
+    Across(f64),
+}
+
+fn side(segment: &Segment, line: Line, near_m: f64) -> Side {
+    let [from, to] = segment.ends.map(|p| line.left_m(p));
+    if from.abs() <= near_m && to.abs() <= near_m {
+        return Side::On;
+    }
+    if from >= -near_m && to >= -near_m {
+        return Side::Left;
+    }
+    if from <= near_m && to <= near_m {
+        return Side::Right;
+    }
+    // What is left of a segment beyond a line it ends at is no line of its own.
+    let (t, length) = (crossing(from, to), segment.length());
+    let (first, second) = if from > 0.0 { (Side::Left, Side::Right) } else { (Side::Right, Side::Left) };
+    if t * length < CHAIN_M && t < 0.5 {
+        second
+    } else if (1.0 - t) * length < CHAIN_M {
+        first
+    } else {
+        Side::Across(t)
+    }
+}
+
+/// The segments left of a line, and right of it; what crosses it is on both sides, what runs along it on none.
+pub fn parted(segments: Vec<Segment>, line: Line, near_m: f64) -> [Vec<Segment>; 2] {
+    let (mut left, mut right) = (Vec::new(), Vec::new());
+    for segment in segments {
+        match side(&segment, line, near_m) {
+            Side::On => {}
+            Side::Left => left.push(segment),
+            Side::Right => right.push(segment),
+            Side::Across(t) => {
+                let [a, b] = segment.ends;
+                let middle = a.lerp(b, t);
+                let halves = [[a, middle], [middle, b]].map(|ends| Segment { ends, ..segment });
+                let is_left = line.left_m(a) > 0.0;
+                left.push(halves[usize::from(!is_left)]);
+                right.push(halves[usize::from(is_left)]);
+            }
+        }
+    }
+    [left, right]
+}
+
+/// What a split along a line does to the segments of a region.
+#[derive(Default)]
+struct Effect {
+    crossed: usize,
+    on: usize,
+    sides: [usize; 2],
+}
+
+impl Effect {
+    fn of(segments: &[Segment], line: Line, near_m: f64) -> Self {
+        let mut effect = Self::default();
+        for segment in segments {
+            match side(segment, line, near_m) {
+                Side::On => effect.on += 1,
+                Side::Left => effect.sides[0] += 1,
+                Side::Right => effect.sides[1] += 1,
+                Side::Across(_) => effect.crossed += 1,
+            }
+        }
+        effect
+    }
+
+    /// How many segments there are more of afterwards.
+    fn growth(&self) -> isize {
+        self.crossed as isize - self.on as isize
+    }
+
+    fn is_even(&self, count: usize) -> bool {
+        self.sides.iter().all(|side| side + self.crossed >= count / 4)
+    }
+}
+
+/// A split to be made, along a segment of these kinds unless it only halves.
+pub struct Cut {
+    /// The region's halves.
+    pub halves: Halves,
+    /// Of the segment.
+    pub kinds: Option<u8>,
+}
+
+/// The split of a region that multiplies its segments least, the longest of equal ones; none if none can be made. Takes
+/// segments away that split nothing. Segments come in order of length.
+pub fn choose(cell: &Cell, segments: &mut Vec<Segment>, near_m: f64) -> Option<Cut> {
+    let line = |s: &Segment| Line::through(s.ends[0], s.ends[1]);
+    if segments.len() > CROWD {
+        let middles = middles(cell).map(|line| (line, None));
+        let longest = segments.iter().take(CANDIDATES).map(|s| (line(s), Some(s.kinds)));
+        let even = longest.chain(middles).map(|(line, kinds)| (Effect::of(segments, line, near_m), line, kinds));
+        let even = even.filter(|(effect, _, kinds)| kinds.is_none() || effect.is_even(segments.len()));
+        let mut all: Vec<_> = even.map(|(effect, line, kinds)| (effect.growth(), line, kinds)).collect();
+        all.sort_by_key(|(growth, ..)| *growth);
+        let made = all.into_iter().find_map(|(_, line, kinds)| Some((cell.split(line, near_m)?, kinds)));
+        return made.map(|(halves, kinds)| Cut { halves, kinds });
+    }
+    while let Some(first) = segments.first() {
+        let least = LONG * first.length();
+        let long = segments.iter().take(CANDIDATES).take_while(|s| s.length() >= least);
+        let growth = long.map(|s| Effect::of(segments, line(s), near_m).growth());
+        let (_, best) = growth.zip(0..).min().expect("the first is long");
+        let segment = segments[best];
+        if let Some(halves) = cell.split(line(&segment), near_m) {
+            return Some(Cut { halves, kinds: Some(segment.kinds) });
+        }
+        segments.remove(best);
+    }
+    None
+}
+
+/// Lines across a region's longest edge near its middle, the middle first.
+pub fn middles(cell: &Cell) -> impl Iterator<Item = Line> {
+    let corners = &cell.corners;
+    let edge = |i: usize| corners[(i + 1) % corners.len()].flat - corners[i].flat;
+    let longer = |a: usize, b: usize| if edge(b).length_squared() > edge(a).length_squared() { b } else { a };
+    let longest = (0..corners.len()).reduce(longer).expect("a region has corners");
+    let (start, along) = (corners[longest].flat, edge(longest).normalize());
+    let places = corners.iter().map(|c| (c.flat - start).dot(along));
+    let (low, high) = places.fold((0.0, 0.0), |(l, h), x| (f64::min(l, x), f64::max(h, x)));
+    MIDDLES.into_iter().map(move |share| {
+        let at: DVec2 = start + along * (low + (high - low) * share);
+        Line::through(at, at + along.perp())
+    })
+}

@@ -1,0 +1,118 @@
+//! A region of a face split along its segments, and what is left as parts: the nodes of the face's cut tree.
+
+use super::cell::{Cell, Corner};
+use super::choice::{choose, parted};
+use super::plane::Line;
+use super::segments::Segment;
+use super::sink::FaceSink;
+use crate::base::Result;
+
+/// What regions of a face grow with.
+pub struct Grower<'a, 'b> {
+    /// Where nodes and parts go.
+    pub sink: &'a mut FaceSink<'b>,
+    /// Lines nearer than this are one, and nothing narrower is made, m.
+    pub near_m: f64,
+    /// Regions smaller than this stay whole, m.
+    pub least_m: f64,
+}
+
+impl Grower<'_, '_> {
+    /// Splits a region along segments in order of length; what it is to the node above.
+    pub fn grow(&mut self, cell: Cell, mut segments: Vec<Segment>) -> Result<u32> {
+        let cut = if cell.extent_m() < self.least_m { None } else { choose(&cell, &mut segments, self.near_m) };
+        let Some(cut) = cut else { return self.finish(cell) };
+        if let Some(kinds) = cut.kinds {
+            self.sink.count(kinds);
+        }
+        let node = self.sink.node()?;
+        let [left, right] = parted(segments, cut.halves.line, self.near_m).map(longest_first);
+        let left = self.grow(cut.halves.left, left)?;
+        let right = self.grow(cut.halves.right, right)?;
+        self.sink.set(node, cut.halves.line, [left, right])?;
+        Ok(node)
+    }
+
+    /// Makes parts of a region: along diagonals into as few triangles and quads as it takes.
+    fn finish(&mut self, mut cell: Cell) -> Result<u32> {
+        straighten(&mut cell.corners, 0.25 * self.near_m);
+        let n = cell.corners.len();
+        if n == 3 || (n == 4 && flattest(&cell.corners) > FLAT) {
+            return self.sink.part(&cell.corners);
+        }
+        let best = diagonals(&cell).reduce(|a, b| if b.0 > a.0 { b } else { a });
+        match best.filter(|(width_m, ..)| *width_m >= 0.5 * self.near_m) {
+            Some((_, line, [left, right])) => {
+                let node = self.sink.node()?;
+                let left = self.finish(left)?;
+                let right = self.finish(right)?;
+                self.sink.set(node, line, [left, right])?;
+                Ok(node)
+            }
+            None if n == 4 => self.sink.part(&cell.corners),
+            None => {
+                let bend = |i: usize| bend(&cell.corners, i);
+                let least = (0..n).reduce(|a, b| if bend(b) < bend(a) { b } else { a }).expect("it has corners");
+                cell.corners.remove(least);
+                self.finish(cell)
+            }
+        }
+    }
+}
+
+/// Sine of the least turn at the corners of a quad.
+const FLAT: f64 = 2e-3;
+
+/// Longest first, of equal ones the one that comes first by its coordinates.
+#[must_use]
+pub fn longest_first(mut segments: Vec<Segment>) -> Vec<Segment> {
+    let key = |s: &Segment| s.ends.map(|p| p.to_array());
+    segments.sort_by(|a, b| {
+        b.length().total_cmp(&a.length()).then_with(|| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal))
+    });
+    segments
+}
+
+/// Takes corners away that bend by no more than this, m.
+fn straighten(corners: &mut Vec<Corner>, near_m: f64) {
+    let mut i = 0;
+    while i < corners.len() && corners.len() > 3 {
+        if bend(corners, i) <= near_m {
+            corners.remove(i);
+            i = i.saturating_sub(1);
+        } else {
+            i += 1;
+        }
+    }
+}
+
+/// How far a corner is from the line through its neighbours, m.
+fn bend(corners: &[Corner], i: usize) -> f64 {
+    let n = corners.len();
+    Line::through(corners[(i + 1) % n].flat, corners[(i + n - 1) % n].flat).left_m(corners[i].flat)
+}
+
+fn flattest(corners: &[Corner]) -> f64 {
+    let n = corners.len();
+    let sine = |i: usize| {
+        let (a, b, c) = (corners[i].flat, corners[(i + 1) % n].flat, corners[(i + 2) % n].flat);
+        (b - a).normalize().perp_dot((c - b).normalize())
+    };
+    (0..n).map(sine).fold(1.0, f64::min)
+}
+
+/// Splits along diagonals that take no more parts than need be, each with the lesser width relative to length.
+fn diagonals(cell: &Cell) -> impl Iterator<Item = (f64, Line, [Cell; 2])> {
+    let n = cell.corners.len();
+    let pairs = (0..n).flat_map(move |i| (i + 2..n).map(move |j| [i, j])).filter(move |[i, j]| {
+        let steps = j - i;
+        steps < n - 1 && (n == 4 || steps % 2 == 1 || (n - steps) % 2 == 1)
+    });
+    pairs.map(move |[i, j]| {
+        let right = Cell { corners: cell.corners[i..=j].to_vec() };
+        let left = Cell { corners: cell.corners[j..].iter().chain(&cell.corners[..=i]).copied().collect() };
+        let line = Line::through(cell.corners[i].flat, cell.corners[j].flat);
+        let score = |c: &Cell| c.width_m();
+        (score(&left).min(score(&right)), line, [left, right])
+    })
+}
