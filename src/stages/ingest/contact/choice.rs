@@ -7,11 +7,10 @@ use super::joined::CHAIN_M;
 use super::plane::{Line, crossing};
 use super::segments::Segment;
 
-/// A region with more segments is halved before it is split along them.
+/// A region with more segments than this is crowded.
 pub const CROWD: usize = 64;
-/// Segments that are looked at for the next split: the longest, down to half of the longest's length.
+/// Segments that are looked at for halving it: the longest.
 const CANDIDATES: usize = 16;
-const LONG: f64 = 0.5;
 /// Where a crowded region may be halved, as shares of its length.
 const MIDDLES: [f64; 9] = [0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7];
 
@@ -108,32 +107,34 @@ pub struct Cut {
     pub kinds: Option<u8>,
 }
 
-/// The split of a region that multiplies its segments least, the longest of equal ones; none if none can be made. Takes
-/// segments away that split nothing. Segments come in order of length.
-pub fn choose(cell: &Cell, segments: &mut Vec<Segment>, near_m: f64) -> Option<Cut> {
-    let line = |s: &Segment| Line::through(s.ends[0], s.ends[1]);
-    if segments.len() > CROWD {
-        let middles = middles(cell).map(|line| (line, None));
-        let longest = segments.iter().take(CANDIDATES).map(|s| (line(s), Some(s.kinds)));
-        let even = longest.chain(middles).map(|(line, kinds)| (Effect::of(segments, line, near_m), line, kinds));
-        let even = even.filter(|(effect, _, kinds)| kinds.is_none() || effect.is_even(segments.len()));
-        let mut all: Vec<_> = even.map(|(effect, line, kinds)| (effect.growth(), line, kinds)).collect();
-        all.sort_by_key(|(growth, ..)| *growth);
-        let made = all.into_iter().find_map(|(_, line, kinds)| Some((cell.split(line, near_m)?, kinds)));
-        return made.map(|(halves, kinds)| Cut { halves, kinds });
-    }
-    while let Some(first) = segments.first() {
-        let least = LONG * first.length();
-        let long = segments.iter().take(CANDIDATES).take_while(|s| s.length() >= least);
-        let growth = long.map(|s| Effect::of(segments, line(s), near_m).growth());
-        let (_, best) = growth.zip(0..).min().expect("the first is long");
-        let segment = segments[best];
-        if let Some(halves) = cell.split(line(&segment), near_m) {
-            return Some(Cut { halves, kinds: Some(segment.kinds) });
+/// The split that halves a crowded region: of lines near its middle, and along long segments that have many on either
+/// side, the one that multiplies segments least. They come in order of length.
+pub fn halving(cell: &Cell, segments: &[Segment], near_m: f64) -> Option<Cut> {
+    let middles = middles(cell).map(|line| (line, None));
+    let longest = segments.iter().take(CANDIDATES).map(|s| (s.line(), Some(s.kinds)));
+    let lines = longest.chain(middles).map(|(line, kinds)| (Effect::of(segments, line, near_m), line, kinds));
+    let even = lines.filter(|(effect, _, kinds)| kinds.is_none() || effect.is_even(segments.len()));
+    let mut all: Vec<_> = even.map(|(effect, line, kinds)| (effect.growth(), line, kinds)).collect();
+    all.sort_by_key(|(growth, ..)| *growth);
+    all.into_iter().find_map(|(_, line, kinds)| Some(Cut { halves: cell.split(line, near_m)?, kinds }))
+}
+
+/// The split of a region along one of its segments that multiplies them least; of equal ones the one whose halves have
+/// the fewest corners, then the longest. None if none can be made. Takes segments away that split nothing. They come in
+/// order of length.
+pub fn along_segment(cell: &Cell, segments: &mut Vec<Segment>, near_m: f64) -> Option<Cut> {
+    let parts = |cell: &Cell| (cell.corners.len() - 1) / 2;
+    loop {
+        let growth: Vec<isize> = segments.iter().map(|s| Effect::of(segments, s.line(), near_m).growth()).collect();
+        let least = *growth.iter().min()?;
+        let best = segments.iter().zip(&growth).filter(|(_, growth)| **growth == least);
+        let cuts = best.filter_map(|(s, _)| Some(Cut { halves: cell.split(s.line(), near_m)?, kinds: Some(s.kinds) }));
+        if let Some(cut) = cuts.min_by_key(|cut| parts(&cut.halves.left) + parts(&cut.halves.right)) {
+            return Some(cut);
         }
-        segments.remove(best);
+        let mut growth = growth.into_iter();
+        segments.retain(|_| growth.next() != Some(least));
     }
-    None
 }
 
 /// Lines across a region's longest edge near its middle, the middle first.

@@ -2,13 +2,14 @@
 
 use std::ops::ControlFlow;
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::cell::{Cell, Corner};
 use super::choice::middles;
+use super::doubles::Edges;
 use super::joined::{CHAIN_M, Graph};
 use super::neighbours::{Face, Near, Neighbours};
-use super::plane::{Plane, box_of};
+use super::plane::{Plane, box_of, is_along_edge};
 use super::segments::{Segment, Touched};
 use super::sink::Sink;
 use super::tree::{Grower, longest_first};
@@ -70,32 +71,33 @@ impl Work<'_, '_> {
         Ok(node)
     }
 
-    /// All segments that reach a region, unless they are too many.
+    /// All segments that reach a region, unless they are too many; without those that double an edge of the face.
     fn segments(&mut self, cell: &Cell) -> Result<Option<Vec<Segment>>> {
-        let contact_m = self.touched.rules.contact_m;
-        let around = cell.corners.iter().fold(Bounds::EMPTY, |b, c| b.with(c.at));
-        let near = Near {
-            bounds: Bounds { min: around.min - contact_m, max: around.max + contact_m },
-            plane: self.touched.plane,
-            near_m: contact_m,
-        };
         let [low, high] = box_of(cell.corners.iter().map(|c| c.flat));
         let mut segments = Vec::new();
         let touched = &self.touched;
-        let row = self.row;
-        self.neighbours.for_each(&near, |other| {
-            if other.row != row {
-                let (points, n) = other.points();
-                touched.segments(&points[..n], |segment| {
-                    let [from, to] = box_of(segment.ends.into_iter());
-                    if from.cmple(high).all() && low.cmple(to).all() {
-                        segments.push(segment);
-                    }
-                });
-            }
+        for_each_near(self.neighbours, touched, self.row, cell, |other| {
+            touched.segments(other, |segment| {
+                let [from, to] = box_of(segment.ends.into_iter());
+                if from.cmple(high).all() && low.cmple(to).all() {
+                    segments.push(segment);
+                }
+            });
             if segments.len() > MOST { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
-        Ok((segments.len() <= MOST).then_some(segments))
+        if segments.len() > MOST {
+            return Ok(None);
+        }
+        if segments.iter().any(|s| is_along_edge(touched.outline, s.ends, CHAIN_M)) {
+            let mut edges = Edges::new(touched);
+            for_each_near(self.neighbours, touched, self.row, cell, |other| {
+                edges.add(other);
+                ControlFlow::Continue(())
+            })?;
+            edges.finish();
+            segments.retain(|s| !edges.double(s));
+        }
+        Ok(Some(segments))
     }
 
     /// Segments joined, simplified, and without chains that are too short, the longest first.
@@ -110,4 +112,24 @@ impl Work<'_, '_> {
         let at = |i: u32| graph.points[i as usize];
         longest_first(graph.edges.iter().map(|e| Segment { ends: e.ends.map(at), kinds: e.kinds }).collect())
     }
+}
+
+/// Visits the corners of the faces near a region of the face of that row, until told to stop.
+fn for_each_near(
+    neighbours: &mut Neighbours,
+    touched: &Touched,
+    row: u64,
+    cell: &Cell,
+    mut visit: impl FnMut(&[DVec3]) -> ControlFlow<()>,
+) -> Result<()> {
+    let near_m = touched.rules.contact_m;
+    let around = cell.corners.iter().fold(Bounds::EMPTY, |b, c| b.with(c.at));
+    let bounds = Bounds { min: around.min - near_m, max: around.max + near_m };
+    neighbours.for_each(&Near { bounds, plane: touched.plane, near_m }, |other| {
+        if other.row == row {
+            return ControlFlow::Continue(());
+        }
+        let (points, n) = other.points();
+        visit(&points[..n])
+    })
 }

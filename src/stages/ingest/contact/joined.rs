@@ -3,7 +3,7 @@
 
 use glam::DVec2;
 
-use super::segments::{LEFT, RIGHT, Segment};
+use super::segments::{LEFT, RIGHT, Segment, turned};
 use super::weld::{Sets, in_order, weld};
 
 /// Ends this near belong to one chain, and chains are simplified to this, m.
@@ -77,8 +77,7 @@ pub fn edge([a, b]: [u32; 2], kinds: u8) -> Edge {
     if a <= b {
         return Edge { ends: [a, b], kinds };
     }
-    let others = kinds & !(LEFT | RIGHT);
-    Edge { ends: [b, a], kinds: others | (kinds & LEFT) << 1 | (kinds & RIGHT) >> 1 }
+    Edge { ends: [b, a], kinds: turned(kinds) }
 }
 
 /// Sorts edges and makes equal ones one, with the kinds of all.
@@ -95,7 +94,7 @@ pub fn unite_equal(edges: &mut Vec<Edge>) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::segments::CONTACT;
+    use super::super::segments::ABOVE;
     use super::*;
 
     fn at(x: f64, y: f64) -> DVec2 {
@@ -107,14 +106,14 @@ mod tests {
         let (a, b) = (at(1.0, 1.0), at(0.0, 0.0));
         let both = [Segment::new(a, b, LEFT), Segment::new(b + 1e-6, a, LEFT)];
         assert!(Graph::of(&both, 1e-4).edges.is_empty());
-        let graph = Graph::of(&[both[0], both[1], Segment::new(b, a, CONTACT)], 1e-4);
+        let graph = Graph::of(&[both[0], both[1], Segment::new(b, a, ABOVE)], 1e-4);
         assert_eq!(graph.edges.len(), 1);
         assert_eq!(Graph::of(&[both[0], both[0]], 1e-4).edges.len(), 1);
     }
 
     #[test]
     fn a_chain_is_as_long_as_its_extent_and_gaps_below_a_centimetre_do_not_end_it() {
-        let short = |x: f64, y: f64| Segment::new(at(x, y), at(x + 0.02, y), CONTACT);
+        let short = |x: f64, y: f64| Segment::new(at(x, y), at(x + 0.02, y), ABOVE);
         let chain = [short(0.0, 0.0), short(0.025, 0.0), short(0.05, 0.0)];
         let mut graph = Graph::of(&[chain[0], chain[1], chain[2], short(1.0, 0.0), short(1.03, 0.0)], 1e-4);
         graph.drop_short_chains(CHAIN_M, 0.05);

@@ -2,6 +2,7 @@
 
 mod cell;
 mod choice;
+mod doubles;
 mod face;
 mod joined;
 mod neighbours;
@@ -101,10 +102,10 @@ pub fn cut(
     progress: &dyn Progress,
 ) -> Result<Cuts> {
     progress.begin("cut", "faces", Some(pieces.len()));
-    let mut neighbours = Neighbours::of(pieces, dir, memory_bytes / 2, progress)?;
+    let mut neighbours = Neighbours::of(pieces, dir, memory_bytes / 4 * 3, progress)?;
     let mut sink = Sink {
-        parts: RecordFile::create(dir, "cut-parts", memory_bytes / 16)?,
-        nodes: RecordFile::create(dir, "cut-nodes", memory_bytes / 16)?,
+        parts: RecordFile::create(dir, "cut-parts", memory_bytes / 32)?,
+        nodes: RecordFile::create(dir, "cut-nodes", memory_bytes / 32)?,
         tally: Tally { faces: neighbours.len(), ..Tally::default() },
     };
     let mut most = (1, 0);
@@ -125,7 +126,7 @@ pub fn cut(
         }
     }
     drop(neighbours);
-    let mut faces = RecordFile::create(dir, "cut-faces", memory_bytes / 16)?;
+    let mut faces = RecordFile::create(dir, "cut-faces", memory_bytes / 32)?;
     for row in by_row.finish()? {
         let row = row?;
         while faces.len() < row.row {

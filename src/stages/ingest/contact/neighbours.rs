@@ -149,8 +149,8 @@ impl Neighbours {
                 return Err(Error::Interrupted);
             }
         }
-        let mut faces = RecordFile::create(dir, "contact-faces", memory_bytes / 4)?;
-        let nodes = RecordFile::create(dir, "contact-boxes", memory_bytes / 4)?;
+        let mut faces = RecordFile::create(dir, "contact-faces", memory_bytes / 2)?;
+        let nodes = RecordFile::create(dir, "contact-boxes", memory_bytes / 2)?;
         let mut classes: Vec<(u64, u64)> = Vec::new();
         for placed in sorter.finish()? {
             let placed = placed?;

@@ -140,6 +140,19 @@ mod tests {
     }
 
     #[test]
+    fn the_line_of_a_bent_quad_is_that_of_its_mean_plane() {
+        let corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.5], [2.0, 2.0, 0.0], [0.0, 1.0, 0.7]].map(DVec3::from_array);
+        let plane = Plane::of(&corners);
+        let line = Line::through(plane.flat(corners[0]), plane.flat(corners[2]));
+        let [a, b, c] = plane.in_space(line);
+        let [i, j] = plane.kept;
+        for corner in corners {
+            let point = corner - plane.normal * plane.height(corner);
+            assert!((a * point[i] + b * point[j] + c - line.left_m(plane.flat(corner))).abs() < 1e-12);
+        }
+    }
+
+    #[test]
     fn clipping_keeps_ends_that_are_inside_to_the_bit() {
         let square = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
         let inside = DVec2::new(0.3, 0.1 + 0.2);

@@ -4,17 +4,21 @@
 use glam::{DVec2, DVec3};
 
 use super::Rules;
-use super::plane::{Plane, clipped, crossing, is_along_edge};
+use super::plane::{Line, Plane, clipped, crossing, is_along_edge};
 use crate::geom::split::area_vector;
 
 /// Of what touches: it passes through.
 pub const CROSSING: u8 = 1;
-/// It stands.
-pub const CONTACT: u8 = 2;
+/// It rises over the face, or hangs below it.
+pub const ABOVE: u8 = 2;
+/// See [`ABOVE`].
+pub const BELOW: u8 = 4;
+/// It is within the contact distance, but stands there on its edge.
+pub const UPRIGHT: u8 = 8;
 /// It lies to the left of the segment, seen from its lesser end.
-pub const LEFT: u8 = 4;
+pub const LEFT: u8 = 16;
 /// It lies to the right.
-pub const RIGHT: u8 = 8;
+pub const RIGHT: u8 = 32;
 
 /// Cosine of the slope to which what lies within the contact distance has two sides as seen from above.
 const STEEP: f64 = 0.05;
@@ -37,8 +41,19 @@ impl Segment {
         if before(a, b) {
             return Self { ends: [a, b], kinds };
         }
-        let swapped = (kinds & (CROSSING | CONTACT)) | (kinds & LEFT) << 1 | (kinds & RIGHT) >> 1;
-        Self { ends: [b, a], kinds: swapped }
+        Self { ends: [b, a], kinds: turned(kinds) }
+    }
+
+    /// On which sides of the face something stands there.
+    #[must_use]
+    pub fn standing(&self) -> u8 {
+        self.kinds & (ABOVE | BELOW)
+    }
+
+    /// The line it lies on.
+    #[must_use]
+    pub fn line(&self) -> Line {
+        Line::through(self.ends[0], self.ends[1])
     }
 
     /// Length, m.
@@ -46,6 +61,12 @@ impl Segment {
     pub fn length(&self) -> f64 {
         self.ends[0].distance(self.ends[1])
     }
+}
+
+/// What touches, seen from a segment's other end.
+#[must_use]
+pub fn turned(kinds: u8) -> u8 {
+    (kinds & !(LEFT | RIGHT)) | (kinds & LEFT) << 1 | (kinds & RIGHT) >> 1
 }
 
 /// Whether a point comes before another: by its first coordinate, then its second.
@@ -67,8 +88,20 @@ pub struct Touched<'a> {
 }
 
 impl Touched<'_> {
-    /// Visits the segments along which a face of these corners touches.
+    /// Visits the segments within the face along which a face of these corners touches it.
     pub fn segments(&self, other: &[DVec3], mut visit: impl FnMut(Segment)) {
+        self.everywhere(other, |segment| {
+            if let Some(ends) = clipped(self.outline, segment.ends)
+                && ends[0].distance(ends[1]) > self.near_m
+                && !is_along_edge(self.outline, ends, self.near_m)
+            {
+                visit(Segment { ends, ..segment });
+            }
+        });
+    }
+
+    /// Visits the segments along which a face of these corners touches this one's plane.
+    pub fn everywhere(&self, other: &[DVec3], mut visit: impl FnMut(Segment)) {
         let contact_m = self.rules.contact_m;
         let mut heights = [0.0; 4];
         for (height, corner) in heights.iter_mut().zip(other) {
@@ -81,28 +114,32 @@ impl Touched<'_> {
         }
         if low < -contact_m && high > contact_m {
             if let Some([a, b]) = self.chord(other, heights) {
-                self.clip(Segment::new(a, b, CROSSING), &mut visit);
+                visit(Segment::new(a, b, CROSSING | ABOVE | BELOW));
             }
             return;
         }
-        let sides = self.sides(other, low >= -contact_m && high <= contact_m);
+        let kinds = self.kinds(other, [low, high]);
         for i in 0..other.len() {
             let j = (i + 1) % other.len();
             if let Some([a, b]) = self.in_slab([other[i], other[j]], [heights[i], heights[j]]) {
-                self.clip(Segment::new(a, b, sides), &mut visit);
+                visit(Segment::new(a, b, kinds));
             }
         }
     }
 
-    /// On which side of its edges, as they wind, a face lies as seen from above; [`CONTACT`] if on none.
-    fn sides(&self, other: &[DVec3], is_within: bool) -> u8 {
+    /// What a face that does not pass through does at its edges, as they wind.
+    fn kinds(&self, other: &[DVec3], [low, high]: [f64; 2]) -> u8 {
+        let contact_m = self.rules.contact_m;
         let facing = area_vector(other).normalize_or_zero().dot(self.plane.normal);
-        if facing.abs() <= if is_within { STEEP } else { SHALLOW } {
-            CONTACT
-        } else if facing > 0.0 {
-            LEFT
+        let is_within = low >= -contact_m && high <= contact_m;
+        if facing.abs() > if is_within { STEEP } else { SHALLOW } {
+            if facing > 0.0 { LEFT } else { RIGHT }
+        } else if is_within {
+            UPRIGHT
+        } else if high > contact_m {
+            ABOVE
         } else {
-            RIGHT
+            BELOW
         }
     }
 
@@ -150,14 +187,5 @@ impl Touched<'_> {
         let least = points[..count].iter().copied().reduce(|a, b| if before(b, a) { b } else { a })?;
         let most = points[..count].iter().copied().reduce(|a, b| if before(a, b) { b } else { a })?;
         (count >= 2).then_some([least, most])
-    }
-
-    fn clip(&self, segment: Segment, visit: &mut impl FnMut(Segment)) {
-        if let Some(ends) = clipped(self.outline, segment.ends)
-            && ends[0].distance(ends[1]) > self.near_m
-            && !is_along_edge(self.outline, ends, self.near_m)
-        {
-            visit(Segment { ends, ..segment });
-        }
     }
 }

@@ -112,7 +112,7 @@ fn simplified(points: &[DVec2], path: &[u32], mut visit: impl FnMut(u32, u32)) {
 }
 
 /// How far a point is from a segment, m.
-fn distance(point: DVec2, [a, b]: [DVec2; 2]) -> f64 {
+pub fn distance(point: DVec2, [a, b]: [DVec2; 2]) -> f64 {
     let along = b - a;
     let t = (point - a).dot(along) / along.length_squared().max(f64::MIN_POSITIVE);
     point.distance(a + along * t.clamp(0.0, 1.0))
@@ -120,12 +120,12 @@ fn distance(point: DVec2, [a, b]: [DVec2; 2]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::segments::{CONTACT, Segment};
+    use super::super::segments::{ABOVE, Segment};
     use super::*;
 
     fn simple(corners: &[DVec2]) -> Graph {
         let n = corners.len();
-        let segments: Vec<_> = (0..n).map(|i| Segment::new(corners[i], corners[(i + 1) % n], CONTACT)).collect();
+        let segments: Vec<_> = (0..n).map(|i| Segment::new(corners[i], corners[(i + 1) % n], ABOVE)).collect();
         let mut graph = Graph::of(&segments, 1e-5);
         graph.simplify();
         graph

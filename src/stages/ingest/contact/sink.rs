@@ -6,7 +6,7 @@ use super::super::piece::FaceCorner;
 use super::super::record_file::RecordFile;
 use super::cell::Corner;
 use super::plane::{Line, Plane};
-use super::segments::{CONTACT, CROSSING};
+use super::segments::{ABOVE, BELOW, CROSSING, UPRIGHT};
 use super::{FaceCuts, Part, Tally};
 use crate::base::Result;
 use crate::model::cut::CutNode;
@@ -68,7 +68,7 @@ impl FaceSink<'_> {
         let tally = &mut self.sink.tally;
         if kinds & CROSSING != 0 {
             tally.crossings += 1;
-        } else if kinds & CONTACT != 0 {
+        } else if kinds & (ABOVE | BELOW | UPRIGHT) != 0 {
             tally.contacts += 1;
         } else {
             tally.outlines += 1;

@@ -128,6 +128,9 @@ fn check(face: &Piece, result: &Result1) {
         let of = corners(part);
         assert!(!is_needle(&of) && !is_lost_in_rounding(&of), "{of:?}");
         assert!(area_vector(&of).dot(normal) > 0.0, "{of:?} winds otherwise");
+        let across = of.iter().flat_map(|a| of.iter().map(|b| a.distance(*b))).fold(0.0, f64::max);
+        let width = 2.0 * area(part) / across;
+        assert!(width > 0.4 * RULES.snap_m, "{of:?} is {width} m wide");
         assert!(of.len() == 3 || is_convex(&of), "{of:?}");
         for (i, corner) in of.iter().enumerate() {
             let k = part.named[i].vertex as usize;
@@ -258,23 +261,42 @@ fn walls_along_the_edges_of_a_floor_and_floors_beside_it_cut_nothing() {
     pieces.push(quad(DVec3::new(0.5, 2.0, -1.0), DVec3::X, DVec3::Z * 3.0));
     pieces.push(quad(DVec3::new(3.0, 0.5, 0.0), DVec3::X, DVec3::Y));
     pieces.push(quad(DVec3::new(0.0, -1.0, 0.0), DVec3::X * 2.0, DVec3::Y));
+    // A fin on a wall is no longer for the wall it stands at.
+    pieces.push(quad(DVec3::new(2.0, 0.0, 0.0), DVec3::Y * 0.04, DVec3::Z));
     assert_eq!(cut_all(&pieces, 0).0[0].parts.len(), 1);
 }
 
 #[test]
-fn a_floor_of_a_thousand_boxes_has_parts_in_proportion() {
+fn of_a_pane_thinner_than_a_centimetre_one_side_parts_the_floor_and_of_a_thicker_one_both() {
+    for (thick, parts) in [(0.008, 2), (0.02, 3)] {
+        let pane = block(DVec3::new(0.0, 1.0, 0.0), DVec3::new(3.0, thick, 2.0), 0.0);
+        assert_eq!(cut_first(&[vec![floor(3.0, 3.0)], pane].concat()).parts.len(), parts);
+    }
+    // Beyond a single wall just inside the edge light may be another.
+    let wall = quad(DVec3::new(0.0, 0.008, 0.0), DVec3::X * 3.0, DVec3::Z);
+    assert_eq!(cut_first(&[floor(3.0, 3.0), wall]).parts.len(), 2);
+    let closed = quad(DVec3::ZERO, DVec3::X * 3.0, DVec3::Z);
+    assert_eq!(cut_first(&[floor(3.0, 3.0), wall, closed]).parts.len(), 1);
+}
+
+#[test]
+fn a_floor_of_thousands_of_boxes_is_worked_on_by_regions_and_has_parts_in_proportion() {
     for turned in [0.0, 1.0] {
-        let mut pieces = vec![floor(64.0, 64.0)];
-        for i in 0..1000u64 {
-            let at = DVec3::new((i % 32) as f64, (i / 32) as f64, 0.0) * 2.0 + DVec3::new(0.5, 0.5, 0.0);
+        let mut pieces = vec![floor(100.0, 100.0)];
+        for i in 0..2500u64 {
+            let at = DVec3::new((i % 50) as f64, (i / 50) as f64, 0.0) * 2.0 + DVec3::new(0.5, 0.5, 0.0);
             let shift = DVec3::new(unit(mix(3 * i)), unit(mix(3 * i + 1)), 0.0) * 0.4 * turned;
             pieces.extend(block(at + shift, DVec3::new(0.6, 0.5, 0.7), turned * unit(mix(3 * i + 2))));
         }
         let result = cut_first(&pieces);
         check(&pieces[0], &result);
-        let each = result.parts.len() as f64 / 1000.0;
-        eprintln!("{each} parts a box");
-        assert!(each < 12.0, "{each} parts a box");
+        let each = result.parts.len() as f64 / 2500.0;
+        assert!(each < 6.0, "{each} parts a box");
+        for bottom in pieces[1..].chunks(6).map(|of| of[1]).step_by(50) {
+            let (foot, n) = bottom.points();
+            let (inside, whole) = (area_inside(&result, &foot[..n]), 0.5 * area_vector(&foot[..n]).length());
+            assert!((inside / whole - 1.0).abs() < 1e-3, "{inside} of {whole} m2");
+        }
     }
 }
 

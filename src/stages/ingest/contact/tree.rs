@@ -1,7 +1,8 @@
 //! A region of a face split along its segments, and what is left as parts: the nodes of the face's cut tree.
 
-use super::cell::{Cell, Corner};
-use super::choice::{choose, parted};
+use super::cell::{Cell, Corner, Halves};
+use super::choice::{CROWD, Cut, along_segment, halving, parted};
+use super::doubles::without_doubles;
 use super::plane::Line;
 use super::segments::Segment;
 use super::sink::FaceSink;
@@ -18,18 +19,42 @@ pub struct Grower<'a, 'b> {
 }
 
 impl Grower<'_, '_> {
-    /// Splits a region along segments in order of length; what it is to the node above.
-    pub fn grow(&mut self, cell: Cell, mut segments: Vec<Segment>) -> Result<u32> {
-        let cut = if cell.extent_m() < self.least_m { None } else { choose(&cell, &mut segments, self.near_m) };
-        let Some(cut) = cut else { return self.finish(cell) };
-        if let Some(kinds) = cut.kinds {
+    /// Splits a region along segments in order of length; what it is to the node above. A crowded one is halved first,
+    /// so that parts stay in proportion.
+    pub fn grow(&mut self, cell: Cell, segments: Vec<Segment>) -> Result<u32> {
+        if segments.len() <= CROWD {
+            return self.split(cell, without_doubles(segments));
+        }
+        let is_large = cell.extent_m() >= self.least_m;
+        match halving(&cell, &segments, self.near_m).filter(|_| is_large) {
+            Some(cut) => self.node(cut, segments, Self::grow),
+            None => self.finish(cell),
+        }
+    }
+
+    fn split(&mut self, cell: Cell, mut segments: Vec<Segment>) -> Result<u32> {
+        let is_large = cell.extent_m() >= self.least_m;
+        match along_segment(&cell, &mut segments, self.near_m).filter(|_| is_large) {
+            Some(cut) => self.node(cut, segments, Self::split),
+            None => self.finish(cell),
+        }
+    }
+
+    /// A node whose halves go on in the same way.
+    fn node(
+        &mut self,
+        cut: Cut,
+        segments: Vec<Segment>,
+        go_on: fn(&mut Self, Cell, Vec<Segment>) -> Result<u32>,
+    ) -> Result<u32> {
+        let Cut { halves: Halves { line, left, right }, kinds } = cut;
+        if let Some(kinds) = kinds {
             self.sink.count(kinds);
         }
         let node = self.sink.node()?;
-        let [left, right] = parted(segments, cut.halves.line, self.near_m).map(longest_first);
-        let left = self.grow(cut.halves.left, left)?;
-        let right = self.grow(cut.halves.right, right)?;
-        self.sink.set(node, cut.halves.line, [left, right])?;
+        let [on_left, on_right] = parted(segments, line, self.near_m).map(longest_first);
+        let children = [go_on(self, left, on_left)?, go_on(self, right, on_right)?];
+        self.sink.set(node, line, children)?;
         Ok(node)
     }
 
