@@ -130,6 +130,8 @@ mod tests {
         assert_eq!((halves.left.corners.len(), halves.right.corners.len()), (3, 3));
         assert_eq!(halves.line.left_m(DVec2::ZERO), 0.0);
         assert!(square.split(Line::through(DVec2::new(0.0, 5e-4), DVec2::new(1.0, 0.0)), 1e-3).is_none());
+        let tip = cell(&[[0.0, 0.0], [1.0, 0.0], [1.0, 0.01]]);
+        assert!(tip.split(Line::through(DVec2::new(0.002, 0.0), DVec2::new(0.002, 1.0)), 1e-3).is_none());
         assert!(square.split(Line::through(DVec2::new(0.0, 2.0), DVec2::new(1.0, 2.0)), 1e-3).is_none());
     }
 }

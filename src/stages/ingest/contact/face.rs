@@ -40,7 +40,7 @@ pub fn cut_face(face: &Face, neighbours: &mut Neighbours, rules: &Rules, sink: &
     let farthest = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
     let near_m = rules.snap_m.max(ROUNDING * farthest).max(THIN * cell.extent_m());
     let touched = Touched { plane, outline: &outline, near_m, rules };
-    let grower = Grower { sink: &mut sink, near_m, least_m: rules.least_m };
+    let grower = Grower { sink: &mut sink, near_m, least_m: rules.least_m, corners: n };
     Work { row: face.row, touched, neighbours, grower }.cut(cell)?;
     Ok(sink.finish())
 }

@@ -191,6 +191,14 @@ fn what_hovers_higher_than_the_contact_distance_and_what_is_small_cuts_nothing()
 }
 
 #[test]
+fn a_face_that_nothing_cuts_stays_as_it_is_however_flat_a_corner() {
+    let flat = [[0.0, 0.0], [1.0, -0.0006], [2.0, 0.0], [1.0, 1.0]].map(|[x, y]| DVec3::new(x, y, 0.0));
+    let result = cut_first(&[piece(&flat)]);
+    assert_eq!((result.parts.len(), result.nodes.len()), (1, 0));
+    assert_eq!((result.parts[0].corners_m, result.parts[0].named), (piece(&flat).corners_m, piece(&flat).named));
+}
+
+#[test]
 fn a_face_that_is_gone_has_no_parts_and_cuts_nothing() {
     let mut wall = quad(DVec3::new(1.0, 1.0, 0.0), DVec3::X, DVec3::Z);
     let pieces = [floor(3.0, 3.0), wall];
@@ -258,11 +266,11 @@ fn two_walls_that_cross_cut_each_other_and_count_as_crossings() {
 #[test]
 fn walls_along_the_edges_of_a_floor_and_floors_beside_it_cut_nothing() {
     let mut pieces = vec![floor(3.0, 2.0), quad(DVec3::ZERO, DVec3::X * 3.0, DVec3::Z)];
-    pieces.push(quad(DVec3::new(0.5, 2.0, -1.0), DVec3::X, DVec3::Z * 3.0));
+    pieces.push(quad(DVec3::new(0.5, 1.99995, -1.0), DVec3::X, DVec3::Z * 3.0));
     pieces.push(quad(DVec3::new(3.0, 0.5, 0.0), DVec3::X, DVec3::Y));
     pieces.push(quad(DVec3::new(0.0, -1.0, 0.0), DVec3::X * 2.0, DVec3::Y));
     // A fin on a wall is no longer for the wall it stands at.
-    pieces.push(quad(DVec3::new(2.0, 0.0, 0.0), DVec3::Y * 0.04, DVec3::Z));
+    pieces.push(quad(DVec3::new(0.5, 1.96, 0.0), DVec3::Y * 0.04, DVec3::Z));
     assert_eq!(cut_all(&pieces, 0).0[0].parts.len(), 1);
 }
 

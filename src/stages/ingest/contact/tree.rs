@@ -16,6 +16,8 @@ pub struct Grower<'a, 'b> {
     pub near_m: f64,
     /// Regions smaller than this stay whole, m.
     pub least_m: f64,
+    /// Corners of the face.
+    pub corners: usize,
 }
 
 impl Grower<'_, '_> {
@@ -60,6 +62,9 @@ impl Grower<'_, '_> {
 
     /// Makes parts of a region: along diagonals into as few triangles and quads as it takes.
     fn finish(&mut self, mut cell: Cell) -> Result<u32> {
+        if cell.corners.len() == self.corners && cell.corners.iter().all(|c| c.of_face.is_some()) {
+            return self.sink.part(&cell.corners);
+        }
         straighten(&mut cell.corners, 0.25 * self.near_m);
         let n = cell.corners.len();
         if n == 3 || (n == 4 && flattest(&cell.corners) > FLAT) {
@@ -126,7 +131,7 @@ fn flattest(corners: &[Corner]) -> f64 {
     (0..n).map(sine).fold(1.0, f64::min)
 }
 
-/// Splits along diagonals that take no more parts than need be, each with the lesser width relative to length.
+/// Splits along diagonals that take no more parts than need be, each with the lesser of the halves' widths, m.
 fn diagonals(cell: &Cell) -> impl Iterator<Item = (f64, Line, [Cell; 2])> {
     let n = cell.corners.len();
     let pairs = (0..n).flat_map(move |i| (i + 2..n).map(move |j| [i, j])).filter(move |[i, j]| {
@@ -137,7 +142,6 @@ fn diagonals(cell: &Cell) -> impl Iterator<Item = (f64, Line, [Cell; 2])> {
         let right = Cell { corners: cell.corners[i..=j].to_vec() };
         let left = Cell { corners: cell.corners[j..].iter().chain(&cell.corners[..=i]).copied().collect() };
         let line = Line::through(cell.corners[i].flat, cell.corners[j].flat);
-        let score = |c: &Cell| c.width_m();
-        (score(&left).min(score(&right)), line, [left, right])
+        (left.width_m().min(right.width_m()), line, [left, right])
     })
 }
