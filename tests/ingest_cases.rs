@@ -191,7 +191,7 @@ fn a_second_ingest_does_nothing_opens_a_branch_or_refuses() {
     assert!(error.exit_code() == 13 && error.remedy().contains("--fresh"), "{error}");
     scaled.fresh = true;
     let fresh = again(&scaled).unwrap();
-    assert_eq!((fresh.patches, fresh.materials_version), (7, None));
+    assert_eq!((fresh.patches_uncut, fresh.materials_version), (7, None));
 }
 
 #[test]

@@ -213,7 +213,7 @@ fn a_store_that_one_may_not_even_read_is_said_to_be_one() {
 }
 
 #[test]
-fn an_old_store_that_may_only_be_read_is_read_as_it_is() {
+fn a_store_of_an_older_format_that_may_only_be_read_is_refused_by_name() {
     let scene = Scene::new();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/old_stores/format_1");
     std::fs::remove_dir_all(scene.store()).unwrap();
@@ -227,7 +227,9 @@ fn an_old_store_that_may_only_be_read_is_read_as_it_is() {
     let before = scene.state();
     for args in [["check", "rooms.clr"], ["status", "rooms.clr"]] {
         let output = scene.as_nobody(&args);
-        assert_eq!(output.status.code(), Some(0), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(12), "{args:?}: {said}");
+        assert!(said.contains("its format is 1, this program reads 3"), "{args:?}: {said}");
     }
     assert_eq!(scene.state(), before);
     scene.unlock();

@@ -1,7 +1,7 @@
-//! Committed stores: today's format is read for good, and damaged ones are described.
+//! Committed stores: today's format is read, older and newer ones are refused, and damaged ones are described.
 //!
-//! All come from one store, a lamp of 1 m2 over a floor of 4 m2, solved with `--tolerance 0.1`; each
-//! of `data/broken_stores` has one thing wrong, which its name says.
+//! Each holds a lamp of 1 m2 over a floor of 4 m2, solved with `--tolerance 0.1`; each of `data/broken_stores` has one
+//! thing wrong, which its name says.
 
 mod common;
 
@@ -13,7 +13,10 @@ use clerestory::model::ExtentKind;
 use clerestory::model::light::LightView;
 use clerestory::model::links::LinksView;
 use clerestory::store::{Snapshot, Store};
-use common::{assert_sound, clerestory, finish};
+use common::{assert_sound, clerestory, finish, write_rooms};
+
+const TODAYS: &str = "old_stores/format_3";
+const OLDER: [u32; 2] = [1, 2];
 
 /// A copy of a committed store: opening one makes files beside its catalogue.
 fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {
@@ -30,14 +33,8 @@ fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {
 }
 
 #[test]
-fn stores_of_all_formats_are_sound_and_give_their_light() {
-    for name in ["old_stores/format_1", "old_stores/format_2"] {
-        gives_its_light(name);
-    }
-}
-
-fn gives_its_light(name: &str) {
-    let (_dir, path) = copy(name);
+fn a_store_of_todays_format_is_sound_and_gives_its_light() {
+    let (_dir, path) = copy(TODAYS);
     assert_sound(&path);
     let store = Store::open(&path, Duration::from_secs(5)).unwrap();
     // The lamp's radiance is 3 W/(m2 sr): it emits 3 pi W per m2.
@@ -54,13 +51,63 @@ fn gives_its_light(name: &str) {
 }
 
 #[test]
-fn a_store_of_format_1_can_be_worked_on() {
-    let (dir, path) = copy("old_stores/format_1");
+fn a_store_of_todays_format_can_be_worked_on() {
+    let (dir, path) = copy(TODAYS);
     let mut command = clerestory();
     command.current_dir(dir.path()).args(["run", "--store", "copy.clr", "--tolerance", "0.05", "--groups", "2"]);
     let (code, summary) = finish(command.args(["--json", "--progress", "none"]));
     assert_eq!((code, summary["branch"].as_u64()), (0, Some(1)), "{summary}");
     assert_sound(&path);
+}
+
+/// The catalogue and the segments.
+fn bytes_of(store: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let segments = std::fs::read_dir(store.join("segments")).unwrap().map(|entry| entry.unwrap().path());
+    let mut paths: Vec<_> = segments.chain([store.join("scene.sqlite")]).collect();
+    paths.sort();
+    paths.into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect()
+}
+
+#[test]
+fn stores_of_older_formats_are_refused_by_name_with_what_to_do_and_nothing_of_them_is_touched() {
+    let verbs: [&[&str]; 9] = [
+        &["status", "copy.clr"],
+        &["check", "copy.clr"],
+        &["export", "copy.clr", "-o", "x.csv"],
+        &["gc", "copy.clr"],
+        &["visibility", "copy.clr"],
+        &["solve-group", "copy.clr", "--next"],
+        &["merge", "copy.clr"],
+        &["ingest", "copy.clr", "rooms.obj"],
+        &["run", "rooms.obj", "--store", "copy.clr"],
+    ];
+    for format in OLDER {
+        let (dir, path) = copy(&format!("old_stores/format_{format}"));
+        write_rooms(&dir.path().join("rooms.obj"), 1);
+        let before = bytes_of(&path);
+        for args in verbs {
+            let output = clerestory().current_dir(dir.path()).args(args).output().unwrap();
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(12), "{format}, {args:?}: {said}");
+            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 3");
+            assert!(said.contains(&named), "{format}, {args:?}: {said}");
+            assert!(said.contains("help: ") && said.contains("`--fresh`"), "{format}, {args:?}: {said}");
+        }
+        assert!(bytes_of(&path) == before, "format {format}: something was written");
+    }
+}
+
+#[test]
+fn ingest_with_fresh_makes_stores_of_older_formats_anew() {
+    for format in OLDER {
+        let (dir, path) = copy(&format!("old_stores/format_{format}"));
+        write_rooms(&dir.path().join("rooms.obj"), 1);
+        let mut command = clerestory();
+        command.current_dir(dir.path()).args(["ingest", "copy.clr", "rooms.obj", "--fresh", "--json"]);
+        let (code, summary) = finish(&mut command);
+        assert_eq!(code, 0, "{format}: {summary}");
+        assert_sound(&path);
+    }
 }
 
 #[test]

@@ -138,8 +138,9 @@ fn millimetres_read_as_metres_are_solved_with_the_same_elements_and_a_warning() 
         let mut obj = String::new();
         write_box(&mut obj, "room", "grey", ([0.0; 3], [4000.0, 3000.0, 2500.0]), true);
         write_box(&mut obj, "table", "grey", ([1000.0, 1000.0, 0.0], [2000.0, 2000.0, 700.0]), false);
+        // Farther from the ceiling than what stands on it, in either unit.
         obj.push_str(
-            "usemtl m\nv 1000 1000 2499\nv 1000 2000 2499\nv 2000 2000 2499\nv 2000 1000 2499\nf -4 -3 -2 -1\n",
+            "usemtl m\nv 1000 1000 2480\nv 1000 2000 2480\nv 2000 2000 2480\nv 2000 1000 2480\nf -4 -3 -2 -1\n",
         );
         std::fs::write(dir.path().join("a.obj"), format!("mtllib a.mtl\n{obj}")).unwrap();
         std::fs::write(dir.path().join("a.mtl"), FURNACE).unwrap();

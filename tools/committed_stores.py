@@ -1,9 +1,8 @@
 #!/usr/bin/env python3
-"""Makes data/old_stores/format_2 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
+"""Makes data/old_stores/format_3 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
 
-To be run when a record's bytes change their meaning before a release; later a new format gets a folder
-of its own, and the old ones stay. Stores of format 1, whose rows are not sealed, can be broken in one
-thing alone: most of the broken ones are copies of data/old_stores/format_1, which stays as it is.
+To be run when a record's bytes change their meaning before a release; later a new format gets a folder of its own,
+and the old ones stay: what they are refused with is tested.
 """
 
 import os
@@ -11,7 +10,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import tempfile
 
 OBJ = """mtllib lamp_over_floor.mtl
 v -1 -1 0
@@ -33,6 +31,8 @@ MTL = "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 3 3 3\n"
 LIGHT = "select segment, offset, bytes from cluster_states where cluster = 0 and version = 2"
 LINKS = "select segment, offset, bytes from cluster_links where cluster = 0 and version = 2"
 HEADER_BYTES = 64
+# The store holds the model's path: one that is the same wherever the stores are made.
+FOLDER = "/tmp/clerestory-models"
 
 
 def solve(program, folder):
@@ -44,9 +44,7 @@ def solve(program, folder):
     run = ["run", "lamp_over_floor.obj", "--tolerance", "0.1", "--groups", "2", "--workers", "1", "-q"]
     subprocess.run([program, *run], cwd=folder, check=True)
     store = f"{folder}/lamp_over_floor.clr"
-    change(store, "update input_files set path = '/models/' || replace(path, rtrim(path, replace(path, '/', '')), '')")
-    # Opened as one of format 1, it is sealed again.
-    change(store, "drop table seals", "pragma user_version = 1")
+    # Takes away what is left of the processes that solved it.
     subprocess.run([program, "gc", store, "-q"], check=True)
     change(store)
     return store
@@ -98,9 +96,12 @@ def cut_off(store):
 
 def main():
     program, data = os.path.abspath(sys.argv[1]), sys.argv[2]
-    with tempfile.TemporaryDirectory() as folder:
-        sealed = copy(solve(program, folder), f"{data}/old_stores/format_2")
-    whole, broken = f"{data}/old_stores/format_1", f"{data}/broken_stores"
+    os.makedirs(FOLDER)
+    try:
+        whole = copy(solve(program, FOLDER), f"{data}/old_stores/format_3")
+    finally:
+        shutil.rmtree(FOLDER)
+    broken = f"{data}/broken_stores"
     flip_a_bit(copy(whole, f"{broken}/flipped_bit"))
     cut_off(copy(whole, f"{broken}/cut_off_segment"))
     missing = copy(whole, f"{broken}/missing_segment")
@@ -111,8 +112,8 @@ def main():
     )
     change(copy(whole, f"{broken}/lost_light"), "delete from cluster_states where cluster = 1")
     change(copy(whole, f"{broken}/newer_format"), "pragma user_version = 99")
-    change(copy(sealed, f"{broken}/deleted_cluster"), "delete from clusters where id = 1")
-    change(copy(sealed, f"{broken}/changed_model"), "update model set max_reflectance = 1e300")
+    change(copy(whole, f"{broken}/deleted_cluster"), "delete from clusters where id = 1")
+    change(copy(whole, f"{broken}/changed_model"), "update model set max_reflectance = 1e300")
 
 
 main()

@@ -205,12 +205,18 @@ pub struct IngestFlags {
     /// Sides that emitters shine from; front: where the winding normal points
     #[arg(long, value_name = "SIDES", default_value = "front")]
     pub emit: Emit,
-    /// Patches per cluster, at most 256; larger objects are split in space
+    /// Faces per cluster before contact lines cut them, at most 256; larger objects are split in space
     #[arg(long, value_name = "N", default_value = "64", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub max_cluster_patches: u32,
     /// Faces this near coincide, m or with a unit [default: 1e-5 of the bounding diagonal, at most 1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub snap: Option<f64>,
+    /// What ends this near to a patch stands on it: its outline cuts the patch
+    #[arg(long, value_name = "LENGTH", default_value = "1cm", value_parser = length)]
+    pub contact: f64,
+    /// Contact lines shorter than this are left inside elements
+    #[arg(long, value_name = "LENGTH", default_value = "5cm", value_parser = length)]
+    pub least_contact: f64,
 }
 
 #[derive(ValueEnum, Clone, Copy, Debug)]

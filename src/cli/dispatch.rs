@@ -106,6 +106,8 @@ fn ingest_options(store: PathBuf, models: Vec<PathBuf>, flags: &IngestFlags, com
         emit_both: flags.emit == Emit::Both,
         max_cluster_patches: flags.max_cluster_patches,
         snap_m: flags.snap,
+        contact_m: flags.contact,
+        least_contact_m: flags.least_contact,
         memory: common.memory,
         fresh: false,
         wait: common.wait,

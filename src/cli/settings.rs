@@ -27,7 +27,10 @@ const LAYERS: [&str; 4] = ["default", "store", FILE, ENVIRONMENT];
 
 /// Flags that a store remembers, by the stage that they shape.
 const REMEMBERED: [(&str, &[&str]); 4] = [
-    ("ingest", &["units", "up", "sides", "materials", "emit", "max-cluster-patches", "snap"]),
+    (
+        "ingest",
+        &["units", "up", "sides", "materials", "emit", "max-cluster-patches", "snap", "contact", "least-contact"],
+    ),
     ("visibility", &["method", "missing", "seed"]),
     ("partition", &["method", "groups"]),
     ("solve-group", &["tolerance", "quality", "min-element", "inner", "links", "order", "seed"]),

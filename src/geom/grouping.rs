@@ -80,15 +80,18 @@ pub fn cut_at_gap(boxes: &[Bounds], items: &mut [u32]) -> Option<usize> {
     Some(cut.at)
 }
 
-/// Splits items until no part has more than `most` of them or falls apart at a gap.
+/// Splits items until no part has more than `most` of them, is over `most_weight` or falls apart at a gap. An item
+/// weighs at most that.
 #[must_use]
-pub fn compact_parts(boxes: &[Bounds], most: usize) -> Vec<Vec<u32>> {
+pub fn compact_parts(boxes: &[Bounds], weights: &[u32], most: usize, most_weight: u32) -> Vec<Vec<u32>> {
+    let fits =
+        |items: &[u32]| items.len() <= most && items.iter().map(|i| weights[*i as usize]).sum::<u32>() <= most_weight;
     let mut waiting = vec![(0..boxes.len() as u32).collect::<Vec<_>>()];
     let mut parts = Vec::new();
     while let Some(mut items) = waiting.pop() {
         let cut = match cut_at_gap(boxes, &mut items) {
             Some(at) => at,
-            None if items.len() > most => cut_by_area(boxes, &mut items, most),
+            None if !fits(&items) => cut_by_area(boxes, &mut items, most),
             None => {
                 items.sort_unstable();
                 parts.push(items);
@@ -114,7 +117,7 @@ mod tests {
     #[test]
     fn a_row_of_boxes_is_cut_into_full_compact_parts() {
         let boxes = unit_boxes((0..128).map(|i| [f64::from(i), 0.0, 0.0]));
-        let parts = compact_parts(&boxes, 32);
+        let parts = compact_parts(&boxes, &[1; 128], 32, 256);
         assert_eq!(parts.iter().map(Vec::len).collect::<Vec<_>>(), [32; 4]);
         assert_eq!(parts[0], (0..32).collect::<Vec<_>>());
     }
@@ -122,15 +125,25 @@ mod tests {
     #[test]
     fn parts_farther_apart_than_they_are_wide_go_their_own_ways() {
         let far = unit_boxes([[0., 0., 0.], [1., 0., 0.], [10., 0., 0.], [0.5, 0., 0.]].into_iter());
-        assert_eq!(compact_parts(&far, 64), [vec![0, 1, 3], vec![2]]);
+        assert_eq!(compact_parts(&far, &[1; 4], 64, 256), [vec![0, 1, 3], vec![2]]);
         let near = unit_boxes([[0., 0., 0.], [1., 0., 0.], [3.5, 0., 0.]].into_iter());
-        assert_eq!(compact_parts(&near, 64).len(), 1, "the gap of 1.5 is narrower than 2");
+        assert_eq!(compact_parts(&near, &[1; 3], 64, 256).len(), 1, "the gap of 1.5 is narrower than 2");
     }
 
     #[test]
     fn boxes_in_one_place_are_cut_in_half() {
         let boxes = unit_boxes((0..100).map(|_| [0.0; 3]));
-        let parts = compact_parts(&boxes, 64);
+        let parts = compact_parts(&boxes, &[1; 100], 64, 256);
         assert_eq!(parts.iter().map(Vec::len).collect::<Vec<_>>(), [50, 50]);
+    }
+
+    #[test]
+    fn no_part_is_too_heavy() {
+        let boxes = unit_boxes((0..64).map(|i| [f64::from(i), 0.0, 0.0]));
+        let weights: Vec<u32> = (0..64).map(|i| if i % 16 == 0 { 200 } else { 3 }).collect();
+        let parts = compact_parts(&boxes, &weights, 64, 256);
+        let weight = |part: &Vec<u32>| part.iter().map(|i| weights[*i as usize]).sum::<u32>();
+        assert!(parts.len() >= 4 && parts.iter().all(|part| weight(part) <= 256), "{parts:?}");
+        assert_eq!(parts.iter().map(Vec::len).sum::<usize>(), 64);
     }
 }

@@ -23,10 +23,8 @@ pub struct ClusterHead {
     pub max_m: [f32; 3],
     /// Row of the OBJ object in the catalogue.
     pub object: u32,
-    /// 1 where long elements are cut into slices, 0 in stores that are older than that.
-    pub slices: u32,
     /// 0.
-    pub reserved: [u32; 6],
+    pub reserved: [u32; 7],
 }
 
 /// A planar triangle or convex quad.
@@ -39,14 +37,14 @@ pub struct PatchRecord {
     pub corner_count: u8,
     /// Which sides take part: bit 0 the front, bit 1 the back.
     pub sides: u8,
-    /// 0.
-    pub reserved: u16,
     /// Leaf of the cluster's tree that holds the patch.
-    pub tree_node: u32,
+    pub tree_node: u16,
     /// Area, m2.
     pub area_m2: f32,
-    /// 0.
-    pub reserved2: u32,
+    /// The face that it is a part of: cluster * 256 + patch of the face's first part.
+    pub face: u32,
+    /// Area of the whole face, m2.
+    pub face_area_m2: f32,
 }
 
 /// A node of the cluster's binary tree, in preorder: node 0 is the whole cluster.

@@ -1,10 +1,11 @@
 //! What must be true of an extent beyond its checksum; each function says what is not.
 
+use super::cut::CutNode;
 use super::geometry::{GeometryView, NONE, SideMaterial, TreeNode};
 use super::light::LightView;
 use super::links::{LinksView, Visibility, class_of};
 use super::origin::{BakeCorner, PatchSource};
-use super::rays::{ClusterRaysView, TopRaysView, hierarchy};
+use super::rays::{ClusterRaysView, TopRaysView, WHOLE, hierarchy};
 use super::visibility::VisibilityView;
 use super::{Arrays, ExtentKind};
 use crate::base::{ClusterId, NodeKind, NodeName};
@@ -60,8 +61,10 @@ pub fn geometry(payload: &[u8], cluster: u32) -> Result<(), String> {
     for (i, patch) in view.patches.iter().enumerate() {
         ensure(matches!(patch.corner_count, 3 | 4), || format!("patch {i} has {} corners", patch.corner_count))?;
         let finite = patch.corners_m.iter().flatten().all(|x| x.is_finite());
-        ensure(finite && patch.area_m2 > 0.0, || format!("patch {i} is not finite or has no area"))?;
-        let leaf = view.tree.get(patch.tree_node as usize);
+        ensure(finite && patch.area_m2 > 0.0 && patch.face_area_m2 > 0.0, || {
+            format!("patch {i} is not finite or has no area")
+        })?;
+        let leaf = view.tree.get(usize::from(patch.tree_node));
         let holds = leaf.is_some_and(|n| below(n).contains(&i));
         ensure(holds, || format!("patch {i} is not below its tree node"))?;
     }
@@ -184,18 +187,41 @@ pub fn visibility(payload: &[u8], patches_of: &dyn Fn(u32) -> Option<u32>) -> Re
     ensure(fractions, || "a form factor lies outside 0..=1".to_owned())
 }
 
-/// Every patch is met once, has a shape, and every node refers to what is there.
-pub fn rays(payload: &[u8], patches: usize) -> Result<(), String> {
+/// Faces have shapes, what they fell into is there, no patch is met twice, and every node refers to what is there. A
+/// cluster without faces is of parts of one that another cluster holds.
+pub fn rays(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u32>) -> Result<(), String> {
     let view = ClusterRaysView::parse(payload)?;
-    let met: std::collections::BTreeSet<u32> = view.patches.iter().map(|p| p.patch).collect();
-    let last = met.last().map_or(0, |&last| last as usize + 1);
-    let all = met.len() == patches && last == patches && view.patches.len() == patches;
-    ensure(all, || format!("rays meet {} of {patches} patches", met.len()))?;
-    for patch in view.patches {
-        let shaped = matches!(patch.corner_count, 3 | 4) && patch.corners_m.iter().flatten().all(|x| x.is_finite());
-        ensure(shaped, || format!("patch {} has no shape", patch.patch))?;
+    let mut met = Vec::new();
+    for face in view.patches {
+        let shaped = matches!(face.corner_count, 3 | 4) && face.corners_m.iter().flatten().all(|x| x.is_finite());
+        ensure(shaped, || format!("face {} has no shape", face.patch))?;
+        if face.cut == WHOLE {
+            met.push(cluster << 8 | face.patch);
+            continue;
+        }
+        let (nodes, parts) = view.cuts.of_face(face.cut).ok_or_else(|| format!("face {} has no cut", face.patch))?;
+        cut_tree(nodes, parts.len()).map_err(|what| format!("the cuts of face {} {what}", face.patch))?;
+        met.extend_from_slice(parts);
     }
-    hierarchy(view.nodes, patches)
+    met.sort_unstable();
+    let there = |part: &u32| patches_of(part >> 8).is_some_and(|patches| part & 0xff < patches);
+    ensure(ascending(met.iter().copied()) && met.iter().all(there), || "rays meet other patches".to_owned())?;
+    let own = met.iter().filter(|part| *part >> 8 == cluster).count();
+    let patches = patches_of(cluster).unwrap_or(0) as usize;
+    ensure(own == patches || view.patches.is_empty(), || format!("rays meet {own} of {patches} patches"))?;
+    if view.patches.is_empty() && view.nodes.is_empty() { Ok(()) } else { hierarchy(view.nodes, view.patches.len()) }
+}
+
+/// Every node of a cut tree leads on, to nodes behind it or to parts.
+fn cut_tree(nodes: &[CutNode], parts: usize) -> Result<(), String> {
+    for (at, node) in nodes.iter().enumerate() {
+        let leads_on = node.children.iter().all(|&child| match child & CutNode::PART {
+            0 => at < child as usize && (child as usize) < nodes.len(),
+            _ => ((child & !CutNode::PART) as usize) < parts,
+        });
+        ensure(leads_on && node.line.iter().all(|x| x.is_finite()), || format!("do not lead on from node {at}"))?;
+    }
+    ensure(parts > 0, || "have no parts".to_owned())
 }
 
 /// Clusters are met once, and every node refers to what is there.
@@ -225,7 +251,7 @@ pub fn of(
         ExtentKind::Links => links(payload, cluster, patches_of),
         ExtentKind::Materials => materials(payload, patches),
         ExtentKind::Radiosity => light(payload, cluster, patches),
-        ExtentKind::Rays => rays(payload, patches),
+        ExtentKind::Rays => rays(payload, cluster, patches_of),
         ExtentKind::Bake => bake(payload, patches),
         ExtentKind::Provenance => provenance(payload, patches),
     }

@@ -19,14 +19,9 @@ pub struct LightHead {
     pub layer: u32,
     /// First element of each depth 0..=14, then the number of elements.
     pub level_start: [u32; 16],
-    /// Tells which places light leaves: the same as long as these are the same, however they are divided.
-    pub lit: u32,
-    /// The same of all clusters in sight when leaves were last asked whether they see light, or [`NEVER`].
-    pub seen: u32,
+    /// 0.
+    pub reserved: [u32; 2],
 }
-
-/// In the place of [`LightHead::seen`]: no leaf has been asked.
-pub const NEVER: u32 = 0;
 
 /// Light of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

@@ -4,8 +4,8 @@
 //! names its records and a view that borrows them from the payload. `schema/SEGMENTS.md` gives the
 //! bytes.
 
-pub mod figures;
 pub mod cut;
+pub mod figures;
 pub mod geometry;
 pub mod invariants;
 pub mod layout;

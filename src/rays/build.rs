@@ -1,4 +1,4 @@
-//! Builds the ray structures: one hierarchy over the patches of a cluster, one over all clusters.
+//! Builds the ray structures: one hierarchy over the faces of a cluster, one over all clusters.
 //!
 //! The only place that knows obvhs, and it is used as a builder only: its traversal leaks at edges.
 
@@ -11,7 +11,7 @@ use obvhs::{Boundable, BvhBuildParams};
 
 use crate::geom::bounds::Bounds;
 use crate::model::geometry::PatchRecord;
-use crate::model::rays::{ClusterRef, RayNode, RayPatch};
+use crate::model::rays::{ClusterRef, RayNode, RayPatch, WHOLE};
 
 struct Item(Aabb);
 
@@ -40,28 +40,27 @@ fn hierarchy(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -
     (nodes, bvh.primitive_indices)
 }
 
-/// The ray structure of one cluster: nodes and patches in leaf order.
+/// A face that is one patch, of that number in its cluster.
 #[must_use]
-pub fn cluster(patches: &[PatchRecord]) -> (Vec<RayNode>, Vec<RayPatch>) {
-    let boxes = patches.iter().map(|p| {
-        let b = Bounds::of(&p.corners_m.map(|c| DVec3::from_array(c.map(f64::from))));
+pub fn whole(patch: &PatchRecord, number: u32) -> RayPatch {
+    RayPatch {
+        corners_m: patch.corners_m,
+        patch: number,
+        corner_count: u32::from(patch.corner_count),
+        area_m2: patch.area_m2,
+        cut: WHOLE,
+    }
+}
+
+/// The ray structure of one cluster of one face at least: nodes and faces in leaf order.
+#[must_use]
+pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
+    let boxes = faces.iter().map(|face| {
+        let b = Bounds::of(&face.corners_m.map(|c| DVec3::from_array(c.map(f64::from))));
         (b.min.as_vec3().to_array(), b.max.as_vec3().to_array())
     });
     let (nodes, order) = hierarchy(boxes, 4);
-    let records = order
-        .iter()
-        .map(|&i| {
-            let p = &patches[i as usize];
-            RayPatch {
-                corners_m: p.corners_m,
-                patch: i,
-                corner_count: u32::from(p.corner_count),
-                area_m2: p.area_m2,
-                reserved: 0,
-            }
-        })
-        .collect();
-    (nodes, records)
+    (nodes, order.iter().map(|&i| faces[i as usize]).collect())
 }
 
 /// The structure over all clusters: nodes, and the clusters in leaf order. Grows with the number of

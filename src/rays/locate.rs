@@ -63,16 +63,15 @@ impl RayScene<'_> {
     pub fn locate(&self, point: DVec3, normal: DVec3, snap_m: f64) -> Option<Place> {
         let best: RefCell<Option<(f64, Rank, Place)>> = RefCell::new(None);
         let bounds = Bounds { min: point - snap_m, max: point + snap_m };
-        self.any_in_box_of(&bounds, |cluster, patch| {
+        self.any_in_box_of(&bounds, |of, patch| {
             let front = patch_normal(patch);
             let cosine = front.dot(normal);
             let (outside, off) = distances(patch, front, point);
             if cosine.abs() < LEAST_COSINE || outside > snap_m || off > snap_m {
                 return false;
             }
-            let key = PatchKey { cluster, patch: patch.patch };
-            let place = Place { key, side: u8::from(cosine < 0.0) };
-            let rank = self.rank(&Face { key, front: place.side == 0, area_m2: patch.area_m2 });
+            let place = Place { key: self.patch_at(of, patch, point), side: u8::from(cosine < 0.0) };
+            let rank = self.rank(&Face { key: of.key(patch), front: place.side == 0, area_m2: patch.area_m2 });
             // Faces within the snap length of a point coincide there: their heights do not count. Outlines do, in steps
             // of a quarter, since those of neighbours differ by rounding alone.
             let distance = (outside / (0.25 * snap_m)).floor();
@@ -92,8 +91,8 @@ impl RayScene<'_> {
         let around = corners.iter().fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
         let bounds = Bounds { min: around.min - self.snap_m, max: around.max + self.snap_m };
         let covering: RefCell<Vec<RayPatch>> = RefCell::default();
-        self.any_in_box_of(&bounds, |cluster, patch| {
-            let (key, normal) = (PatchKey { cluster, patch: patch.patch }, patch_normal(patch));
+        self.any_in_box_of(&bounds, |of, patch| {
+            let (key, normal) = (of.key(patch), patch_normal(patch));
             let face = Face { key, front: normal.dot(node.normal) > 0.0, area_m2: patch.area_m2 };
             let coincides = normal.dot(node.normal).abs() > PARALLEL
                 && corners.iter().all(|c| distances(patch, normal, *c).1 <= self.snap_m);

@@ -6,7 +6,6 @@ pub mod first_look;
 pub mod locate;
 pub mod node;
 pub mod recent;
-pub mod region;
 pub mod scene;
 pub mod shaft;
 pub mod traverse;

@@ -28,8 +28,7 @@ impl Node {
     pub fn root(cluster: ClusterId, patch: &PatchRecord, at: PatchSide) -> Self {
         let shape = quadtree::patch_polygon(patch);
         let front = shape.normal();
-        let key = PatchKey { cluster: cluster.0, patch: u32::from(at.patch) };
-        let face = Face { key, front: at.side == 0, area_m2: patch.area_m2 };
+        let face = Face { key: PatchKey::of_packed(patch.face), front: at.side == 0, area_m2: patch.face_area_m2 };
         let end = RayEnd { normal: front, face };
         let normal = if at.side == 0 { front } else { -front };
         Self { name: NodeName::root(cluster, at), shape, normal, end }

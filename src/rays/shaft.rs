@@ -292,11 +292,11 @@ impl<'a> RayScene<'a> {
                 continue;
             }
             for place in Self::places(node) {
-                let Some((cluster, rays)) = self.cluster_at(place) else { continue };
+                let Some(of) = self.cluster_at(place) else { continue };
                 stack.clear();
                 stack.push(0u32);
                 while let Some(at) = stack.pop() {
-                    let node = &rays.nodes[at as usize];
+                    let node = &of.nodes[at as usize];
                     if shaft.misses_box(node) {
                         continue;
                     }
@@ -304,8 +304,8 @@ impl<'a> RayScene<'a> {
                         stack.extend([node.first, node.first + 1]);
                         continue;
                     }
-                    let patches = &rays.patches[node.first as usize..(node.first + node.count) as usize];
-                    if patches.iter().any(|patch| test((cluster, patch))) {
+                    let faces = &of.faces[node.first as usize..(node.first + node.count) as usize];
+                    if faces.iter().any(|face| test((of.cluster, face))) {
                         return true;
                     }
                 }

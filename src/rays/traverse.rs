@@ -6,7 +6,7 @@
 
 use glam::{DVec3, Vec3A};
 
-use super::scene::{PatchKey, RayScene};
+use super::scene::{PatchKey, RayScene, Structure};
 use super::shaft::Blockers;
 use crate::base::PatchSide;
 use crate::geom::bounds::Bounds;
@@ -18,10 +18,10 @@ use crate::model::rays::{DEEPEST, RayNode, RayPatch};
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Rank(bool, bool, f32, PatchKey);
 
-/// A side of a patch as a viewer finds it among coincident faces.
+/// A side of a face as a viewer finds it among coincident ones.
 #[derive(Clone, Copy, Debug)]
 pub struct Face {
-    /// The patch.
+    /// The face's first part: parts of one face are one to rays.
     pub key: PatchKey,
     /// Whether its front is looked at.
     pub front: bool,
@@ -41,9 +41,9 @@ pub struct RayEnd {
 /// What a ray met first.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
-    /// The patch.
+    /// The patch: a part of the face that was met.
     pub key: PatchKey,
-    /// Its unit front normal.
+    /// The face's unit front normal.
     pub normal: DVec3,
     /// Whether its front was met.
     pub front: bool,
@@ -153,24 +153,30 @@ pub fn patch_normal(patch: &RayPatch) -> DVec3 {
 /// Cosine above which two planes count as parallel (2.5 degrees).
 pub(super) const PARALLEL: f64 = 0.999;
 
-impl RayScene<'_> {
+impl<'a> RayScene<'a> {
     /// Visits every patch that the ray crosses within `low..=limit`, near boxes first; `met` may
     /// lower the limit, and stops the visit by returning true.
     #[inline]
-    fn visit(&self, ray: &Ray, low: f64, mut limit: f64, mut met: impl FnMut(u32, &RayPatch, f64, &mut f64) -> bool) {
+    fn visit(
+        &self,
+        ray: &Ray,
+        low: f64,
+        mut limit: f64,
+        mut met: impl FnMut(&Structure<'a>, &'a RayPatch, f64, &mut f64) -> bool,
+    ) {
         // Cleared once for all clusters that the ray enters.
         let (mut of_top, mut of_cluster) = ([(0, 0.0); DEPTH], [(0, 0.0); DEPTH]);
         let mut top = Stack::new(&mut of_top, ray, self.top.nodes, low, limit);
         while let Some(node) = top.pop(ray, limit) {
             for place in Self::places(node) {
-                let Some((cluster, rays)) = self.cluster_at(place) else { continue };
-                let mut stack = Stack::new(&mut of_cluster, ray, rays.nodes, low, limit);
+                let Some(of) = self.cluster_at(place) else { continue };
+                let mut stack = Stack::new(&mut of_cluster, ray, of.nodes, low, limit);
                 while let Some(leaf) = stack.pop(ray, limit) {
-                    for patch in &rays.patches[leaf.first as usize..(leaf.first + leaf.count) as usize] {
+                    for patch in &of.faces[leaf.first as usize..(leaf.first + leaf.count) as usize] {
                         if let Some(t) = ray.meets(patch)
                             && t >= low
                             && t <= limit
-                            && met(cluster, patch, t, &mut limit)
+                            && met(&of, patch, t, &mut limit)
                         {
                             return;
                         }
@@ -205,7 +211,7 @@ impl RayScene<'_> {
         along: DVec3,
         gap: f64,
         end: &RayEnd,
-        cluster: u32,
+        key: PatchKey,
         patch: &RayPatch,
         leaving: bool,
     ) -> Option<bool> {
@@ -213,10 +219,7 @@ impl RayScene<'_> {
         let coincide = (gap * along.dot(end.normal)).abs() <= self.snap_m && normal.dot(end.normal).abs() > PARALLEL;
         coincide.then(|| {
             let front = (normal.dot(along) > 0.0) == leaving;
-            self.covers_face(
-                &Face { key: PatchKey { cluster, patch: patch.patch }, front, area_m2: patch.area_m2 },
-                &end.face,
-            )
+            self.covers_face(&Face { key, front, area_m2: patch.area_m2 }, &end.face)
         })
     }
 
@@ -230,18 +233,17 @@ impl RayScene<'_> {
         }
         let ray = Ray::new(from, to - from, &self.top.nodes[0]);
         let (before, after) = (self.reach(ray.along, start), self.reach(ray.along, end));
-        let blocks = |cluster: u32, patch: &RayPatch, t: f64| {
-            let key = PatchKey { cluster, patch: patch.patch };
+        let blocks = |key: PatchKey, patch: &RayPatch, t: f64| {
             if key == start.face.key || key == end.face.key {
                 return false;
             }
             if t <= before
-                && let Some(covers) = self.covers(ray.along, t, start, cluster, patch, true)
+                && let Some(covers) = self.covers(ray.along, t, start, key, patch, true)
             {
                 return covers;
             }
             if t >= 1.0 - after
-                && let Some(covers) = self.covers(ray.along, 1.0 - t, end, cluster, patch, false)
+                && let Some(covers) = self.covers(ray.along, 1.0 - t, end, key, patch, false)
             {
                 return covers;
             }
@@ -249,36 +251,20 @@ impl RayScene<'_> {
         };
         if let Some(among) = among {
             return among.iter().any(|(cluster, patch)| {
-                ray.meets(patch).is_some_and(|t| t >= -before && t <= 1.0 + after && blocks(*cluster, patch, t))
+                let key = PatchKey { cluster: *cluster, patch: patch.patch };
+                ray.meets(patch).is_some_and(|t| t >= -before && t <= 1.0 + after && blocks(key, patch, t))
             });
         }
         let mut blocked = false;
-        self.visit(&ray, -before, 1.0 + after, |cluster, patch, t, _| {
-            blocked = blocks(cluster, patch, t);
+        self.visit(&ray, -before, 1.0 + after, |of, patch, t, _| {
+            blocked = blocks(of.key(patch), patch, t);
             blocked
         });
         blocked
     }
 
-    /// Whether any patch crosses the open segment between two free points.
-    #[must_use]
-    pub fn blocked_between(&self, from: DVec3, to: DVec3) -> bool {
-        let mut blocked = false;
-        self.visit(&Ray::new(from, to - from, &self.top.nodes[0]), 0.0, 1.0, |_, _, t, _| {
-            blocked = t > 0.0 && t < 1.0;
-            blocked
-        });
-        blocked
-    }
-
-    /// Whether `test` holds for any patch whose leaf's box meets `bounds`.
-    #[must_use]
-    pub fn any_in_box(&self, bounds: &Bounds, test: impl Fn(&RayPatch) -> bool) -> bool {
-        self.any_in_box_of(bounds, |_, patch| test(patch))
-    }
-
-    /// The same with the patch's cluster.
-    pub(super) fn any_in_box_of(&self, bounds: &Bounds, test: impl Fn(u32, &RayPatch) -> bool) -> bool {
+    /// Whether `test` holds for any face whose leaf's box meets `bounds`.
+    pub(super) fn any_in_box_of(&self, bounds: &Bounds, test: impl Fn(&Structure<'_>, &RayPatch) -> bool) -> bool {
         let meets = |node: &RayNode| Bounds::from_f32(node.min_m, node.max_m).meets(*bounds);
         let mut top = vec![0u32];
         while let Some(at) = top.pop() {
@@ -291,17 +277,17 @@ impl RayScene<'_> {
                 continue;
             }
             for place in Self::places(node) {
-                let Some((cluster, rays)) = self.cluster_at(place) else { continue };
+                let Some(of) = self.cluster_at(place) else { continue };
                 let mut stack = vec![0u32];
                 while let Some(at) = stack.pop() {
-                    let node = &rays.nodes[at as usize];
+                    let node = &of.nodes[at as usize];
                     if !meets(node) {
                         continue;
                     }
                     let items = node.first as usize..(node.first + node.count) as usize;
                     if node.count == 0 {
                         stack.extend([node.first, node.first + 1]);
-                    } else if rays.patches[items].iter().any(|patch| test(cluster, patch)) {
+                    } else if of.faces[items].iter().any(|patch| test(&of, patch)) {
                         return true;
                     }
                 }
@@ -317,15 +303,15 @@ impl RayScene<'_> {
         let ray = Ray::new(from, along, &self.top.nodes[0]);
         let before = start.map_or(0.0, |s| self.reach(along, s));
         let mut covered = false;
-        let mut best: Option<(Hit, Face)> = None;
-        self.visit(&ray, -before, f64::INFINITY, |cluster, patch, t, limit| {
-            let key = PatchKey { cluster, patch: patch.patch };
+        let mut best: Option<(Hit, Face, Structure<'a>, &RayPatch)> = None;
+        self.visit(&ray, -before, f64::INFINITY, |of, patch, t, limit| {
+            let key = of.key(patch);
             if let Some(start) = start {
                 if key == start.face.key {
                     return false;
                 }
                 if t <= before
-                    && let Some(covers) = self.covers(along, t, start, cluster, patch, true)
+                    && let Some(covers) = self.covers(along, t, start, key, patch, true)
                 {
                     covered |= covers;
                     return covered;
@@ -340,7 +326,7 @@ impl RayScene<'_> {
             let face = Face { key, front: hit.front, area_m2: patch.area_m2 };
             // Faces within the snap length of the nearest compete by rank; others by distance.
             let slack = 2.0 * self.snap_m / speed.abs().max(1e-6 * along.length());
-            let wins = best.as_ref().is_none_or(|(other, other_face)| {
+            let wins = best.as_ref().is_none_or(|(other, other_face, ..)| {
                 let gap = (t - other.t) * speed.abs();
                 if gap.abs() <= self.snap_m && normal.dot(other.normal).abs() > PARALLEL {
                     self.covers_face(&face, other_face)
@@ -350,13 +336,15 @@ impl RayScene<'_> {
             });
             if wins {
                 *limit = t + slack;
-                best = Some((hit, face));
+                best = Some((hit, face, *of, patch));
             }
             false
         });
         match best {
             _ if covered => Nearest::Covered,
-            Some((hit, _)) => Nearest::Met(hit),
+            Some((hit, _, of, face)) => {
+                Nearest::Met(Hit { key: self.patch_at(&of, face, from + along * hit.t), ..hit })
+            }
             None => Nearest::Escaped,
         }
     }

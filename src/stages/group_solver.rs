@@ -9,9 +9,9 @@ use crate::base::{ClusterId, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::model::ExtentKind;
 use crate::model::links::LeafClosure;
 use crate::model::report::TaskReport;
+use crate::rays::RayScene;
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
-use crate::rays::region::Cuts;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
 use crate::transport::bundle::SideCache;
@@ -22,7 +22,6 @@ use crate::transport::records;
 use crate::transport::refine::{Context, Scope};
 use crate::transport::relax::{self, Inner, Member};
 use crate::transport::row_parts;
-use crate::transport::seal;
 use crate::transport::solve_cluster::{SolvedCluster, StoredLinks, Unsolved, solve_cluster};
 use crate::transport::source::Loaded;
 use crate::transport::source_memo::SourceMemo;
@@ -58,8 +57,8 @@ pub struct Solved {
 pub struct GroupSolver<'a, 's> {
     /// The version that is read.
     pub set: &'a WorkingSet<'s>,
-    /// What rays can meet, and what walls stand on.
-    pub cuts: Cuts<'a>,
+    /// What rays can meet.
+    pub scene: RayScene<'a>,
     /// What shapes the result.
     pub settings: Settings,
     /// Sides of clusters, as sector nodes bundle them.
@@ -75,7 +74,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
     pub fn solve(&self, clusters: &[ClusterId], writer: &mut SegmentWriter) -> Result<Solved> {
         let mut report = TaskReport { complete: self.settings.scope == Scope::Everything, ..TaskReport::default() };
         let mut rows = Vec::new();
-        let (mut members, mut closures, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut members, mut closures) = (Vec::new(), Vec::new());
         let mut first = 0;
         self.progress.begin("refine", "clusters", Some(clusters.len() as u64));
         for (done, &id) in clusters.iter().enumerate() {
@@ -89,10 +88,9 @@ impl<'a, 's> GroupSolver<'a, 's> {
             if self.settings.keep_links && refined.stored_changed {
                 rows.push(self.write_links(&refined, writer)?);
             }
-            seen.push(refined.seen);
-            let SolvedCluster { mesh, rows: written, closure, factors, dark_shares, .. } = refined;
+            let SolvedCluster { mesh, rows: written, closure, factors, .. } = refined;
             let materials = self.set.mapped(id)?.view().materials.to_vec();
-            let member = Member { mesh, materials, external: Vec::new(), factors, dark_shares, first };
+            let member = Member { mesh, materials, external: Vec::new(), factors, first };
             first += member.mesh.node_count();
             members.push(member);
             closures.push(closure);
@@ -105,7 +103,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
         // New links are read back through the mapping, like old ones.
         writer.sync()?;
         self.gather_and_relax(clusters, &mut members, &rows, &mut report)?;
-        self.write_light(clusters, &members, &seen, writer, &mut rows)?;
+        self.write_light(clusters, &members, writer, &mut rows)?;
         for (member, closure) in members.iter().zip(&closures) {
             self.count_energy(member, closure, &mut report)?;
         }
@@ -116,7 +114,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
     /// Refines one cluster from these links against the light of the version.
     fn refine(&self, id: ClusterId, stored: StoredLinks) -> Result<SolvedCluster> {
         let context = Context {
-            cuts: &self.cuts,
+            scene: self.scene,
             clusters: self.set,
             tolerances: self.settings.tolerances,
             seed: self.settings.seed,
@@ -208,14 +206,13 @@ impl<'a, 's> GroupSolver<'a, 's> {
         &self,
         clusters: &[ClusterId],
         members: &[Member],
-        seen: &[u32],
         writer: &mut SegmentWriter,
         rows: &mut Vec<UpdateRow>,
     ) -> Result<()> {
-        for ((&id, member), &seen) in clusters.iter().zip(members).zip(seen) {
+        for (&id, member) in clusters.iter().zip(members) {
             let loaded = self.set.mapped(id)?;
             let view = loaded.view();
-            let payload = records::encode(&member.mesh, &view.geometry, view.materials, seen);
+            let payload = records::encode(&member.mesh, &view.geometry, view.materials);
             if payload != loaded.light_payload() {
                 let at = writer.append(ExtentKind::Radiosity, id.0, &payload)?;
                 rows.push(UpdateRow { cluster: id, kind: ExtentKind::Radiosity, delta: false, at });
@@ -244,15 +241,14 @@ impl<'a, 's> GroupSolver<'a, 's> {
                 continue;
             }
             let leaf = Node::at(view.id, &patches[usize::from(at.patch)], element.name);
-            let covering = covering[at.index()].get_or_insert_with(|| self.cuts.scene().covering(&side(at.index())));
+            let covering = covering[at.index()].get_or_insert_with(|| self.scene.covering(&side(at.index())));
             let shown = covering.shown_share(&leaf);
             add(&mut report.power.emitted_w, exitance * (element.area_m2 * shown));
             if element.irradiance.is_black() {
                 continue;
             }
             let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
-            let open = seal::open_share(&self.cuts, self.set, &leaf, self.settings.seed)?.min(shown);
-            add(&mut report.power.absorbed_w, absorbed * (element.area_m2 * open));
+            add(&mut report.power.absorbed_w, absorbed * (element.area_m2 * shown));
         }
         for c in closure {
             let at = member.mesh.nearest(NodeName(c.leaf));

@@ -11,8 +11,8 @@ use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::model::links::{LeafClosure, Visibility};
+use crate::rays::RayScene;
 use crate::rays::locate::Place;
-use crate::rays::region::Cuts;
 use crate::store::ModelFacts;
 use crate::transport::bundle::{Bundle, SideCache};
 use crate::transport::gather_lamps;
@@ -39,7 +39,9 @@ const SOURCE_SHARE: f64 = 0.02;
 /// Gathers at points of surfaces.
 pub struct PointLight<'a, 's> {
     set: &'a WorkingSet<'s>,
-    cuts: &'a Cuts<'a>,
+    scene: RayScene<'a>,
+    /// No element edge is below this, m.
+    min_element_m: f64,
     sides: SideCache,
     /// Error of a source's light that does not matter, W/m2.
     allowed_w_m2: f64,
@@ -51,13 +53,20 @@ pub struct PointLight<'a, 's> {
 }
 
 impl<'a, 's> PointLight<'a, 's> {
-    /// Over a version solved with elements as small as `cuts` has them, of a model with these `facts`. Holds
+    /// Over a version solved with elements no smaller than `min_element_m`, of a model with these `facts`. Holds
     /// `limit_bytes` of links, or those of one cluster: points come in runs.
     #[must_use]
-    pub fn new(set: &'a WorkingSet<'s>, cuts: &'a Cuts<'a>, facts: &ModelFacts, limit_bytes: usize) -> Self {
+    pub fn new(
+        set: &'a WorkingSet<'s>,
+        scene: RayScene<'a>,
+        min_element_m: f64,
+        facts: &ModelFacts,
+        limit_bytes: usize,
+    ) -> Self {
         Self {
             set,
-            cuts,
+            scene,
+            min_element_m,
             sides: SideCache::default(),
             allowed_w_m2: SOURCE_SHARE * tolerances::typical_irradiance(facts),
             held: LruCache::unbounded(),
@@ -82,15 +91,9 @@ impl<'a, 's> PointLight<'a, 's> {
             return Ok(Rgb::from_f32(stored));
         }
         let typical_w_m2 = Rgb::from_f32(stored).max();
-        let place = gather_point::Place {
-            point: on_plane,
-            leaf: &leaf,
-            typical_w_m2,
-            relative: SOURCE_SHARE,
-            min_element_m: self.cuts.min_element_m(),
-        };
+        let place = gather_point::Place { point: on_plane, leaf: &leaf, typical_w_m2, relative: SOURCE_SHARE };
         let mut gathered = Gathered::default();
-        let survey = point_survey::survey(self.cuts, self.set, &place, &mut self.rays)?;
+        let survey = point_survey::survey(&self.scene, self.set, &place, self.min_element_m, &mut self.rays)?;
         let (mut linked, mut is_surveyed) = (Vec::new(), survey.is_gap);
         let mut above = Some(leaf.name);
         while let Some(name) = above {
@@ -114,7 +117,7 @@ impl<'a, 's> PointLight<'a, 's> {
                     for side in sides {
                         linked.push(side.whole_side());
                         gather_point::add_link(
-                            self.cuts,
+                            &self.scene,
                             &place,
                             &source.view(),
                             &Link { source: side, ..*link },
@@ -128,17 +131,15 @@ impl<'a, 's> PointLight<'a, 's> {
             above = name.parent();
         }
         if let Some(lamps) = &rows.lamps {
-            let (scene, rays) = (self.cuts.scene(), &mut self.rays);
-            gather_lamps::add_lamps(scene, self.set, &self.sides, &place, lamps, &survey, &mut gathered, rays)?;
+            let rays = &mut self.rays;
+            gather_lamps::add_lamps(&self.scene, self.set, &self.sides, &place, lamps, &survey, &mut gathered, rays)?;
             linked.extend(survey.emitters(self.set)?);
         }
-        // Rows of sector nodes come last.
-        is_surveyed |= rows.rows.last().is_some_and(|(name, _)| name.is_sector());
         if is_surveyed {
             linked.sort_unstable();
             linked.dedup();
-            let (rays, before) = (&mut self.rays, gathered);
-            point_survey::add_survey(self.cuts, self.set, &place, &survey, &linked, &mut gathered, rays)?;
+            let (before, rays) = (gathered, &mut self.rays);
+            point_survey::add_survey(&self.scene, self.set, &survey, &linked, &mut gathered, rays)?;
             return Ok(gather_point::finish_surveyed(&before, &gathered, survey.met_share()));
         }
         let is_full = closure.is_some_and(|c| c.escape == 0.0 && c.unlinked == 0.0 && c.closed_sum > 0.8);

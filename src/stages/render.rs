@@ -1,6 +1,5 @@
 //! `render`: the solution seen from a camera, smoothly interpolated, as PNG or Radiance HDR.
 
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -10,26 +9,21 @@ use serde::Serialize;
 use super::entry;
 use super::leaves;
 use super::output::{self, Output};
-use super::point_light::PointLight;
 use super::ray_scene::with_scene;
-use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;
 use crate::base::parallel::{Crew, Turns};
 use crate::base::text::shown;
-use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::base::{ClusterId, Error, PatchSide, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
 use crate::geom::bounds::Bounds;
 use crate::geom::quadtree;
-use crate::rays::locate::Place;
-use crate::rays::node::Node;
-use crate::rays::region::Cuts;
+use crate::rays::RayScene;
 use crate::rays::traverse::{Hit, Nearest};
 use crate::render::camera::{Camera, View};
 use crate::render::smooth::SmoothSide;
 use crate::render::tone;
 use crate::store::{ModelFacts, Store};
-use crate::transport::met::answer;
 use crate::transport::source::{ClusterView, Loaded};
 
 /// Rays per pixel and axis.
@@ -38,9 +32,6 @@ const GRID: u32 = 2;
 const PIXEL_BYTES: u64 = 40;
 /// Bytes that a leaf takes in the cache of smooth sides.
 const LEAF_BYTES: usize = 160;
-/// Parts of leaves that are remembered.
-const ASKED: NonZeroUsize = NonZeroUsize::new(1 << 16).expect("not zero");
-
 /// What to draw.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -194,18 +185,16 @@ struct Row {
 fn draw(plan: &Plan<'_>, progress: &dyn Progress) -> Result<(Vec<[f32; 3]>, u64)> {
     let (width, height) = plan.options.size;
     // Each thread opens the store for itself; of the plan they share the rest.
-    let (options, facts, camera, version) = (&plan.options, &plan.facts, &plan.camera, plan.version);
+    let (options, camera, version) = (&plan.options, &plan.camera, plan.version);
     let (dir, wait) = (plan.store.dir().to_path_buf(), plan.store.wait());
     progress.begin("draw", "rows", Some(u64::from(height)));
     let work = |turns: &Turns<'_, Row>| {
         let store = Store::open(&dir, wait)?;
         let set = WorkingSet::open(&store, version)?;
-        let min_element_m = tolerances::min_element_m(&store, version, facts)?;
         with_scene(&set, |open| {
-            let cuts = Cuts::new(open.scene, min_element_m);
-            let mut eye = Eye::new(&set, &cuts, facts, options);
+            let mut eye = Eye::new(&set, open.scene, options);
             turns.each(|y| {
-                let row = eye.row(&cuts, camera, y as u32, (width, height));
+                let row = eye.row(camera, y as u32, (width, height));
                 open.look.verdict()?;
                 row
             })
@@ -223,28 +212,19 @@ fn draw(plan: &Plan<'_>, progress: &dyn Progress) -> Result<(Vec<[f32; 3]>, u64)
 /// Looks up the light where rays meet the model.
 struct Eye<'a, 's> {
     set: &'a WorkingSet<'s>,
-    points: PointLight<'a, 's>,
-    /// What leaves parts of leaves for which nothing stands, by number of a place there.
-    asked: LruCache<(NodeName, u8), Rgb>,
+    scene: RayScene<'a>,
     smooth: LruCache<(u32, usize), (SmoothSide, usize)>,
     bytes: usize,
     limit_bytes: usize,
 }
 
 impl<'a, 's> Eye<'a, 's> {
-    fn new(set: &'a WorkingSet<'s>, cuts: &'a Cuts<'a>, facts: &ModelFacts, options: &Options) -> Self {
-        let share = (options.memory.limit_bytes / 8 / options.threads.max(1) as u64) as usize;
-        Self {
-            set,
-            points: PointLight::new(set, cuts, facts, share),
-            asked: LruCache::new(ASKED),
-            smooth: LruCache::unbounded(),
-            bytes: 0,
-            limit_bytes: share,
-        }
+    fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, options: &Options) -> Self {
+        let limit_bytes = (options.memory.limit_bytes / 8 / options.threads.max(1) as u64) as usize;
+        Self { set, scene, smooth: LruCache::unbounded(), bytes: 0, limit_bytes }
     }
 
-    fn row(&mut self, cuts: &Cuts<'_>, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
+    fn row(&mut self, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
         let mut row = Row { pixels: Vec::with_capacity(width as usize), covered: 0 };
         for x in 0..width {
             let (mut sum, mut met) = (Rgb::BLACK, false);
@@ -253,8 +233,8 @@ impl<'a, 's> Eye<'a, 's> {
                     (f64::from(pixel) + (f64::from(step) + 0.5) / f64::from(GRID)) / f64::from(size)
                 };
                 let (from, along) = camera.ray(at(x, i % GRID, width), at(y, i / GRID, height));
-                if let Nearest::Met(hit) = cuts.scene().nearest(from, along, None) {
-                    sum += self.radiosity(cuts, &hit, from, from + along * hit.t)?;
+                if let Nearest::Met(hit) = self.scene.nearest(from, along, None) {
+                    sum += self.radiosity(&hit, from + along * hit.t)?;
                     met = true;
                 }
             }
@@ -265,8 +245,8 @@ impl<'a, 's> Eye<'a, 's> {
         Ok(row)
     }
 
-    /// What leaves a place towards a ray from `from`, W/m2.
-    fn radiosity(&mut self, cuts: &Cuts<'_>, hit: &Hit, from: DVec3, point: DVec3) -> Result<Rgb> {
+    /// What leaves a place towards the eye, W/m2.
+    fn radiosity(&mut self, hit: &Hit, point: DVec3) -> Result<Rgb> {
         let cluster = self.set.mapped(ClusterId(hit.key.cluster))?;
         let view = cluster.view();
         let at = hit.side();
@@ -274,48 +254,15 @@ impl<'a, 's> Eye<'a, 's> {
             return Ok(Rgb::BLACK);
         }
         let leaf = view.leaf_at(at, point);
-        let is_cut = cuts.is_cut(&leaf);
-        let ask = |corner: usize, place: DVec3| {
-            (!is_cut || reaches(cuts, &leaf, corner, |to| cuts.joins(&leaf, point, to)))
-                && cuts.joins(&leaf, near_corner(&leaf, corner), place)
-        };
-        if let Some(radiosity) = self.side(cuts, &view, at).at(leaf.name, &leaf.shape, point, !is_cut, ask) {
-            return Ok(radiosity);
-        }
-        let beside = answer(cuts, &view, at, from, point).element;
-        if let Some(beside) = beside.filter(|beside| cuts.shares_part(beside, point)) {
-            return Ok(view.source(beside.name).radiosity);
-        }
-        // Nothing near by stands for the place: it asks rays of its own, once for all of its part of the leaf.
-        let part = cuts.place_beside(&leaf, point);
-        let key = part.map(|(number, _)| (leaf.name, number));
-        if let Some(known) = key.and_then(|key| self.asked.get(&key)) {
-            return Ok(*known);
-        }
-        let irradiance =
-            self.points.irradiance(Place { key: hit.key, side: at.side }, part.map_or(point, |(_, p)| p))?;
-        let material = &view.materials[at.index()];
-        let radiosity = Rgb::from_f32(material.exitance) + Rgb::from_f32(material.rho).times(irradiance);
-        if let Some(key) = key {
-            self.asked.put(key, radiosity);
-        }
-        Ok(radiosity)
+        Ok(self.side(&view, at).at(leaf.name, &leaf.shape, point))
     }
 
-    fn side(&mut self, cuts: &Cuts<'_>, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
+    fn side(&mut self, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
         let key = (view.id.0, at.index());
         if !self.smooth.contains(&key) {
             let leaves = leaves::of_side(view, at);
-            let record = &view.geometry.patches[usize::from(at.patch)];
-            let root = Node::root(view.id, record, at);
-            let place = |name: NodeName, corner: usize| {
-                let leaf = Node::at(view.id, record, name);
-                (!cuts.is_cut(&leaf) || reaches(cuts, &leaf, corner, |to| cuts.shares_part(&leaf, to)))
-                    .then(|| near_corner(&leaf, corner))
-            };
-            let values = leaves.iter().map(|l| (l.name, l.radiosity));
-            let joins = |a, b| cuts.joins(&root, a, b);
-            let side = SmoothSide::among_walls(quadtree::patch_polygon(record), values, place, joins);
+            let patch = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
+            let side = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
             let bytes = leaves.len() * LEAF_BYTES;
             self.smooth.put(key, (side, bytes));
             self.bytes += bytes;
@@ -327,19 +274,4 @@ impl<'a, 's> Eye<'a, 's> {
         }
         &self.smooth.get(&key).expect("just put there").0
     }
-}
-
-/// Whether a corner of an element on which something stands is reached from where `sees` looks: straight, or round what
-/// stands there by another corner.
-fn reaches(cuts: &Cuts<'_>, element: &Node, corner: usize, sees: impl Fn(DVec3) -> bool) -> bool {
-    let to = near_corner(element, corner);
-    let others = (0..element.shape.corners().len()).filter(|other| *other != corner);
-    sees(to)
-        || others.map(|other| near_corner(element, other)).any(|other| sees(other) && cuts.joins(element, other, to))
-}
-
-/// A place of an element close to a corner: on the corner itself stand the walls along its edges.
-fn near_corner(element: &Node, corner: usize) -> DVec3 {
-    let (corner, centre) = (element.shape.corners()[corner], element.shape.centre());
-    corner + (centre - corner) * 0.02
 }

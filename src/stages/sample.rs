@@ -12,7 +12,6 @@ use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{Error, Progress, Result, Rgb, lux};
 use crate::formats::points::SensorPoint;
-use crate::rays::region::Cuts;
 use crate::store::{ModelFacts, Store};
 
 /// How to sample.
@@ -55,8 +54,7 @@ pub fn execute(
     let min_element_m = tolerances::min_element_m(store, version, &facts)?;
     let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     with_scene(&set, |open| {
-        let cuts = Cuts::new(open.scene, min_element_m);
-        let mut light = PointLight::new(&set, &cuts, &facts, HELD_BYTES);
+        let mut light = PointLight::new(&set, open.scene, min_element_m, &facts, HELD_BYTES);
         answer(open, &mut light, (&facts, snap_m), points, out, progress)
     })
 }

@@ -19,7 +19,6 @@ use crate::model::report::TaskReport;
 pub use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 pub use crate::partition::schedule::Policy;
 use crate::partition::schedule::{self, Candidate};
-use crate::rays::region::Cuts;
 use crate::store::iterations::Iteration;
 pub use crate::store::iterations::SolveSettings;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
@@ -263,9 +262,8 @@ fn solve(
     let before = resources();
     let mut solved = with_scene(set, |open| {
         let settings = settings(open.is_dark);
-        let cuts = Cuts::new(open.scene, settings.tolerances.min_element_m);
         let (sides, sources) = (SideCache::default(), SourceMemo::default());
-        let solver = GroupSolver { set, cuts, settings, sides, sources, progress };
+        let solver = GroupSolver { set, scene: open.scene, settings, sides, sources, progress };
         solver.solve(&clusters, &mut worker.segment)
     })?;
     solved.report.used = resources().since(&before);

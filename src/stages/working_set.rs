@@ -9,7 +9,6 @@ use lru::LruCache;
 
 use crate::base::text::for_shell;
 use crate::base::{ClusterId, Error, Result};
-use crate::geom::quadtree::{is_sliced, patch_polygon};
 use crate::model::ExtentKind;
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::layout::Arrays;
@@ -47,9 +46,6 @@ impl MappedCluster {
         if lit.level(0).len() != sides {
             return Err(light.damage("not two roots per patch"));
         }
-        if has_other_shapes(&shapes, &lit) {
-            return Err(light.damage("solved when long patches were cut in another way: ingest into a new store"));
-        }
         Ok(Self { id, geometry, materials, light })
     }
 
@@ -58,12 +54,6 @@ impl MappedCluster {
     pub fn light_payload(&self) -> &[u8] {
         self.light.payload()
     }
-}
-
-/// Whether elements are of a time when long patches were not cut into slices.
-fn has_other_shapes(geometry: &GeometryView<'_>, light: &LightView<'_>) -> bool {
-    let is_divided = !light.level(1).is_empty();
-    geometry.head.slices == 0 && is_divided && geometry.patches.iter().any(|p| is_sliced(&patch_polygon(p)))
 }
 
 impl Loaded for MappedCluster {
@@ -162,34 +152,5 @@ impl<'s> WorkingSet<'s> {
 impl Clusters for WorkingSet<'_> {
     fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>> {
         Ok(self.mapped(id)?)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use bytemuck::Zeroable;
-
-    use super::*;
-    use crate::model::geometry::{ClusterHead, PatchRecord};
-    use crate::model::light::{ElementLight, LightHead};
-
-    #[test]
-    fn divided_long_patches_of_older_stores_are_refused() {
-        let patch = |length: f32| PatchRecord {
-            corners_m: [[0.0; 3], [length, 0.0, 0.0], [length, 1.0, 0.0], [0.0, 1.0, 0.0]],
-            corner_count: 4,
-            ..PatchRecord::zeroed()
-        };
-        let refused = |length: f32, slices: u32, elements: usize| {
-            let (head, patches) = (ClusterHead { slices, ..ClusterHead::zeroed() }, [patch(length)]);
-            let geometry = GeometryView { head: &head, patches: &patches, tree: &[], sectors: &[] };
-            let mut level_start = [elements as u32; 16];
-            (level_start[0], level_start[1]) = (0, 2);
-            let (head, elements) =
-                (LightHead { level_start, ..LightHead::zeroed() }, vec![ElementLight::zeroed(); elements]);
-            has_other_shapes(&geometry, &LightView { head: &head, sectors: &[], elements: &elements })
-        };
-        assert!(refused(4.0, 0, 6));
-        assert!(!refused(4.0, 0, 2) && !refused(4.0, 1, 6) && !refused(3.9, 0, 6));
     }
 }

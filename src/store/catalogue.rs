@@ -53,8 +53,6 @@ pub struct Store {
     dir: PathBuf,
     connection: Connection,
     access: Access,
-    /// Version of the schema: an older one only where the store may only be read.
-    format: usize,
     /// What the transaction under way has changed; made with the first.
     ledger: OnceCell<Ledger>,
     wait: Duration,
@@ -133,7 +131,6 @@ impl Store {
             dir: dir.to_path_buf(),
             connection,
             access,
-            format: FORMAT,
             ledger: OnceCell::new(),
             wait,
             mappings: RefCell::new(Mappings::new()),
@@ -182,9 +179,6 @@ impl Store {
             [],
             |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)),
         )?;
-        if version > FORMAT {
-            return Err(schema::newer(&self.dir, version));
-        }
         if version == 0 && all > 0 && create && ours == 0 {
             return Err(folder::refused(&self.dir, folder::NO_CATALOGUE));
         }
@@ -192,8 +186,12 @@ impl Store {
             let detail = "it is a database, but no catalogue of a store";
             return Err(Error::damaged(&self.dir.join(CATALOGUE), detail));
         }
+        if version > 0 && version != FORMAT {
+            return Err(schema::other(&self.dir, version));
+        }
         if version > 0 {
-            self.require_tables()?;
+            // Another process may be making the tables: one state of them.
+            self.read(|| schema::require_tables(&self.connection))?;
         }
         if version == 0 && !create {
             return Err(Error::NoStore { store: self.dir.clone() });
@@ -203,7 +201,6 @@ impl Store {
         self.connection.pragma_update(None, "temp_store", "FILE")?;
         self.connection.set_prepared_statement_cache_capacity(64);
         if self.access == Access::Read {
-            self.format = version;
             return Ok(());
         }
         self.keep_a_log()?;
@@ -226,15 +223,6 @@ impl Store {
         }
     }
 
-    /// Fails with damage where the catalogue does not have the tables of its format.
-    fn require_tables(&self) -> Result<()> {
-        // Another process may be bringing it to today's format: one state of it.
-        self.read(|| {
-            let version = self.connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
-            schema::require_tables(&self.connection, version)
-        })
-    }
-
     /// The store's folder.
     #[must_use]
     pub fn dir(&self) -> &Path {
@@ -255,11 +243,6 @@ impl Store {
     /// no lock to take.
     pub(super) fn readers(&self) -> Option<&Arc<File>> {
         self.readers.as_ref()
-    }
-
-    /// Version of the schema.
-    pub(super) fn format(&self) -> usize {
-        self.format
     }
 
     /// Whether one may write.

@@ -18,7 +18,7 @@ use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
 use crate::model::order::UpdateOrder;
 use crate::model::origin::PatchSource;
-use crate::model::rays::{ClusterRef, RayNode, RayPatch, TOP};
+use crate::model::rays::{ClusterRaysView, ClusterRef, Cuts, RayNode, RayPatch, TOP, WHOLE};
 use crate::model::report::TaskReport;
 use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 
@@ -41,7 +41,8 @@ fn patch(cluster: u32) -> PatchRecord {
     let mut patch = PatchRecord::zeroed();
     let z = cluster as f32;
     patch.corners_m = [[0.0, 0.0, z], [1.0, 0.0, z], [1.0, 1.0, z], [0.0, 1.0, z]];
-    (patch.corner_count, patch.sides, patch.area_m2) = (4, 3, 1.0);
+    (patch.corner_count, patch.sides, patch.area_m2, patch.face_area_m2) = (4, 3, 1.0, 1.0);
+    patch.face = cluster << 8;
     patch
 }
 
@@ -82,17 +83,14 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
         let mut node = RayNode::zeroed();
         (node.min_m, node.max_m, node.count) = (head.min_m, head.max_m, 1);
         let mut ray_patch = RayPatch::zeroed();
-        (ray_patch.corners_m, ray_patch.corner_count, ray_patch.area_m2) = (patch.corners_m, 4, 1.0);
-        let own_rays = ArraysBuilder::default().with(&[node]).with(&[ray_patch]).finish();
+        (ray_patch.corners_m, ray_patch.corner_count, ray_patch.area_m2, ray_patch.cut) =
+            (patch.corners_m, 4, 1.0, WHOLE);
+        let cuts = Cuts { faces: &[], nodes: &[], parts: &[] };
+        let own_rays = ClusterRaysView { nodes: &[node], patches: &[ray_patch], cuts }.payload();
         let source = PatchSource { patch: 0, file, line: id + 1, face: id };
         let provenance = ArraysBuilder::default().with(&[source]).finish();
         let at = rays.append(ExtentKind::Rays, id, &own_rays).unwrap();
-        let mut reference = ClusterRef::zeroed();
-        (reference.cluster, reference.nodes, reference.patches) = (id, 1, 1);
-        let arrays = crate::model::Arrays::new(&own_rays);
-        reference.nodes_at = at.payload_at() + arrays.place(0).unwrap().0 as u64;
-        reference.patches_at = at.payload_at() + arrays.place(1).unwrap().0 as u64;
-        refs.push(reference);
+        refs.push(ClusterRef::to(id, &own_rays, at.payload_at()).unwrap());
         let row = ClusterRow {
             id: ClusterId(id),
             object,
@@ -130,6 +128,8 @@ fn facts(clusters: u32, rays_top: ExtentRef) -> ModelFacts {
         both_sides: true,
         emit_both: false,
         patches: u64::from(clusters),
+        patches_uncut: u64::from(clusters),
+        cuts: [0; 3],
         clusters: u64::from(clusters),
         emitters: 1,
         input_polygons: u64::from(clusters),

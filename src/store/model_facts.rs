@@ -27,9 +27,13 @@ pub struct ModelFacts {
     pub emit_both: bool,
     /// Patches.
     pub patches: u64,
+    /// Patches before contact lines cut them.
+    pub patches_uncut: u64,
+    /// Cuts where faces cross, where one ends near another, and along outlines of faces in one plane.
+    pub cuts: [u64; 3],
     /// Clusters.
     pub clusters: u64,
-    /// Emitting patches.
+    /// Emitting patches, uncut.
     pub emitters: u64,
     /// `f` records read.
     pub input_polygons: u64,
@@ -58,7 +62,7 @@ impl ModelFacts {
         let [xr, yr, zr] = self.origin;
         tx.execute(
             "INSERT OR REPLACE INTO model VALUES (1, :ox, :oy, :oz, :unit, :up, :x0, :y0, :z0, :x1, :y1, :z1, :snap,
-                :sides, :emit, :patches, :clusters, :emitters, :polygons, :area, :patch_area, :er, :eg, :eb,
+                :sides, :emit, :patches, :uncut, :crossings, :contacts, :outlines, :clusters, :emitters, :polygons, :area, :patch_area, :er, :eg, :eb,
                 :mean_rho, :max_rho, :segment, :offset, :bytes)",
             named_params! {
                 ":ox": xr, ":oy": yr, ":oz": zr, ":unit": self.metres_per_unit, ":up": self.up.to_string(),
@@ -66,7 +70,8 @@ impl ModelFacts {
                 ":x1": self.max_m[0], ":y1": self.max_m[1], ":z1": self.max_m[2],
                 ":snap": self.snap_m, ":sides": if self.both_sides { "both" } else { "front" },
                 ":emit": if self.emit_both { "both" } else { "front" },
-                ":patches": self.patches, ":clusters": self.clusters, ":emitters": self.emitters,
+                ":patches": self.patches, ":uncut": self.patches_uncut, ":crossings": self.cuts[0],
+                ":contacts": self.cuts[1], ":outlines": self.cuts[2], ":clusters": self.clusters, ":emitters": self.emitters,
                 ":polygons": self.input_polygons, ":area": self.area_m2, ":patch_area": self.mean_patch_area_m2,
                 ":er": self.emitted_w[0], ":eg": self.emitted_w[1], ":eb": self.emitted_w[2],
                 ":mean_rho": self.mean_reflectance, ":max_rho": self.max_reflectance,
@@ -102,15 +107,17 @@ impl Store {
                 both_sides: text("sides")? == "both",
                 emit_both: text("emit")? == "both",
                 patches: row.get("patches")?,
+                patches_uncut: row.get("patches_uncut")?,
+                cuts: [row.get("crossings")?, row.get("contacts")?, row.get("outlines")?],
                 clusters: row.get("clusters")?,
                 emitters: row.get("emitters")?,
                 input_polygons: row.get("input_polygons")?,
                 area_m2: row.get("area_m2")?,
                 mean_patch_area_m2: row.get("mean_patch_area_m2")?,
-                emitted_w: triple(21)?,
+                emitted_w: triple(25)?,
                 mean_reflectance: row.get("mean_reflectance")?,
                 max_reflectance: row.get("max_reflectance")?,
-                rays_top: ExtentRef::from_row(row, 26)?,
+                rays_top: ExtentRef::from_row(row, 30)?,
             })
         });
         Ok(row.optional()?)

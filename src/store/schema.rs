@@ -1,4 +1,4 @@
-//! Formats of the catalogue: today's, how older ones are brought to it, and what is said of others.
+//! The catalogue's format, and what is said of others.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -8,33 +8,26 @@ use std::path::Path;
 use rusqlite::{Connection, Transaction};
 
 use super::sql::CATALOGUE;
-use super::{connection, row_rules, seals};
+use super::{connection, seals};
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
-/// The schema's versions, in order; `user_version` counts those applied.
-const SCHEMA: [&str; 2] = [include_str!("../../schema/0001_store.sql"), include_str!("../../schema/0002_seals.sql")];
-/// Today's format.
-pub(super) const FORMAT: usize = SCHEMA.len();
+const SCHEMA: &str = include_str!("../../schema/store.sql");
+/// Today's format, the catalogue's `user_version`: 1 and 2 held patches that walls stood across.
+pub(super) const FORMAT: usize = 3;
 const VIEWS: &str = include_str!("../../schema/views.sql");
 
 /// Where SQLite keeps `user_version` in a database file.
 const USER_VERSION_AT: usize = 60;
 
-/// Brings a catalogue to today's format, within a transaction.
+/// Makes the tables of an empty catalogue, within a transaction.
 pub(super) fn apply(tx: &Transaction<'_>) -> Result<()> {
     let version: usize = tx.pragma_query_value(None, "user_version", |r| r.get(0))?;
     if version == FORMAT {
         // Another process was faster.
         return Ok(());
     }
-    if version > 0 {
-        // Seals say that rows are those that were written: nothing that can't be is sealed.
-        row_rules::require(tx)?;
-    }
-    for sql in SCHEMA.iter().skip(version) {
-        tx.execute_batch(sql)?;
-    }
+    tx.execute_batch(SCHEMA)?;
     tx.execute_batch(VIEWS)?;
     seals::renew(tx)?;
     tx.pragma_update(None, "user_version", FORMAT)?;
@@ -54,33 +47,33 @@ fn bare(sql: &str) -> String {
     code.collect::<Vec<_>>().join(" ")
 }
 
-/// Fails with damage unless a catalogue has the tables of its format, each as we define it. Tables of others do no
-/// harm.
-pub(super) fn require_tables(connection: &Connection, version: usize) -> Result<()> {
+/// Fails with damage unless a catalogue has our tables, each as we define it. Tables of others do no harm.
+pub(super) fn require_tables(connection: &Connection) -> Result<()> {
     let model = Connection::open_in_memory()?;
+    model.execute_batch(SCHEMA)?;
     let mut wrong = Vec::new();
     let found = tables(connection)?;
-    for (number, sql) in (1..).zip(SCHEMA) {
-        let before = tables(&model)?;
-        model.execute_batch(sql)?;
-        for (name, definition) in tables(&model)?.into_iter().filter(|(name, _)| !before.contains_key(name)) {
-            match found.get(&name) {
-                None if number <= version => wrong.push(format!("table {name} is missing")),
-                Some(_) if number > version => wrong.push(format!("table {name} is not of its format {version}")),
-                Some(own) if *own != definition => wrong.push(format!("table {name} has other columns than ours")),
-                _ => {}
-            }
+    for (name, definition) in tables(&model)? {
+        match found.get(&name) {
+            None => wrong.push(format!("table {name} is missing")),
+            Some(own) if *own != definition => wrong.push(format!("table {name} has other columns than ours")),
+            Some(_) => {}
         }
     }
     if wrong.is_empty() { Ok(()) } else { Err(Error::damaged(Path::new(CATALOGUE), wrong.join(", "))) }
 }
 
-/// The error of a store that a newer version of the program made: nothing of it is touched.
-pub(super) fn newer(dir: &Path, version: usize) -> Error {
-    let (reads, name) = (FORMAT, for_shell(dir));
-    let detail = format!("its format is {version}, this program reads up to {reads}: it was made by a newer version");
-    Error::damaged(&dir.join(CATALOGUE), detail)
-        .with_help_for_damage(|| format!("use the newer version of clerestory that made {name}, or name another store"))
+/// The error of a store that another version of the program made: nothing of it is touched.
+pub(super) fn other(dir: &Path, version: usize) -> Error {
+    let (age, name) = (if version > FORMAT { "a newer" } else { "an older" }, for_shell(dir));
+    let detail = format!("its format is {version}, this program reads {FORMAT}: it was made by {age} version");
+    Error::damaged(&dir.join(CATALOGUE), detail).with_help_for_damage(|| match version > FORMAT {
+        true => format!("use the newer version of clerestory that made {name}, or name another store"),
+        false => format!(
+            "ingest the model into another store, or here with `--fresh`; or use the version of clerestory that made \
+             {name}"
+        ),
+    })
 }
 
 /// Whether a catalogue says that a newer version made it, damaged or not. The number stands in the file's first

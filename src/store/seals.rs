@@ -38,9 +38,6 @@ const SEALED: [&str; 16] = [
 /// Hashes and sums have 62 bits: a sum of two stays within SQLite's integers.
 const MASK: u64 = (1 << 62) - 1;
 
-/// First format whose tables are sealed.
-const SINCE: usize = 2;
-
 /// Rows of a table, and the sum of their hashes; or how both change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Seal {
@@ -186,9 +183,6 @@ impl Store {
 
     /// Every table whose rows are not those that were written, and how they differ.
     pub fn broken_seals(&self) -> Result<Vec<(&'static str, String)>> {
-        if self.format() < SINCE {
-            return Ok(Vec::new());
-        }
         self.read(|| {
             let broken = SEALED.iter().map(|table| Ok(self.broken(table)?.map(|detail| (*table, detail))));
             broken.filter_map(Result::transpose).collect()
@@ -209,8 +203,7 @@ impl Store {
 
     /// The same for one small table, without looking at the others.
     pub(super) fn require_sealed(&self, table: &str) -> Result<()> {
-        let detail = if self.format() < SINCE { None } else { self.broken(table)? };
-        detail.map_or(Ok(()), |detail| Err(Error::damaged(&self.dir().join(CATALOGUE), detail)))
+        self.broken(table)?.map_or(Ok(()), |detail| Err(Error::damaged(&self.dir().join(CATALOGUE), detail)))
     }
 }
 

@@ -11,8 +11,8 @@ use super::extent_header::{CODEC_RAW, ExtentHeader, HEADER_BYTES};
 use super::segment::Mapping;
 use super::{Extent, ExtentRef, Store};
 use crate::base::{Error, Result};
-use crate::model::rays::{ClusterRaysView, ClusterRef, RayNode, RayPatch, TopRaysView};
-use crate::model::{Arrays, ExtentKind, invariants};
+use crate::model::rays::{ClusterRaysView, ClusterRef, TopRaysView};
+use crate::model::{ExtentKind, invariants};
 
 /// The top level, and the file that it and the clusters' structures lie in.
 pub struct StoredRays<'s> {
@@ -83,24 +83,17 @@ impl StoredRays<'_> {
         if xxh3_64(payload) != header.payload_xxh3 {
             return Err("the checksum is wrong".to_owned());
         }
-        self.matches(at, payload, start as u64)?;
-        let patches = self.store.patches_of(at.cluster).map_err(|error| error.to_string())?;
-        invariants::rays(payload, patches.ok_or("there is no such cluster")? as usize)
+        Self::matches(at, payload, start as u64)?;
+        invariants::rays(payload, at.cluster, &|cluster| self.store.patches_of(cluster).ok().flatten())
     }
 
     /// Whether the top level names a structure's arrays, all of them.
-    fn matches(&self, at: &ClusterRef, payload: &[u8], start: u64) -> std::result::Result<(), String> {
-        let arrays = Arrays::new(payload);
-        let named = [
-            (at.nodes_at, at.nodes as usize * size_of::<RayNode>()),
-            (at.patches_at, at.patches as usize * size_of::<RayPatch>()),
-        ];
-        for (index, (byte, bytes)) in named.into_iter().enumerate() {
-            let (offset, length) = arrays.place(index)?;
-            if byte != start + offset as u64 || bytes != length {
-                return Err("the top level names other bytes".to_owned());
-            }
+    fn matches(at: &ClusterRef, payload: &[u8], start: u64) -> std::result::Result<(), String> {
+        let own = ClusterRef::to(at.cluster, payload, start)?;
+        if bytemuck::bytes_of(&own) == bytemuck::bytes_of(at) {
+            Ok(())
+        } else {
+            Err("the top level names other bytes".to_owned())
         }
-        Ok(())
     }
 }

@@ -187,43 +187,25 @@ impl Bundle {
     }
 }
 
-/// Where rays of a bundle begin, quarter by quarter: of an element those of its shape, of others a quarter of the area.
-pub struct Starts<'a> {
-    of: &'a Bundle,
-    quarters: Option<[Polygon; 4]>,
-}
+/// Where rays of an element begin, quarter by quarter.
+pub struct Starts([Polygon; 4]);
 
-impl<'a> Starts<'a> {
-    /// Of a bundle.
+impl Starts {
+    /// Of an element.
     #[must_use]
-    pub fn new(of: &'a Bundle) -> Self {
-        let quarters = |node: &Node| std::array::from_fn(|q| quadtree::quarter(&node.shape, q as u32));
-        Self { of, quarters: of.as_element().map(quarters) }
+    pub fn new(of: &Node) -> Self {
+        Self(std::array::from_fn(|q| quadtree::quarter(&of.shape, q as u32)))
     }
 
-    /// Polygons that places are drawn from: the quarters, or the sides.
+    /// One of its quarters.
     #[must_use]
-    pub fn count(&self) -> usize {
-        self.quarters.as_ref().map_or(self.of.sides().len(), |quarters| quarters.len())
+    pub fn shape(&self, quarter: usize) -> &Polygon {
+        &self.0[quarter]
     }
 
-    /// One of them.
+    /// A place of a quarter by two numbers in 0..1.
     #[must_use]
-    pub fn shape(&self, index: usize) -> &Polygon {
-        match &self.quarters {
-            Some(quarters) => &quarters[index],
-            None => &self.of.sides()[index].node.shape,
-        }
-    }
-
-    /// A place of a quarter by two numbers in 0..1: the polygon, the side and the place.
-    #[must_use]
-    pub fn draw(&self, quarter: usize, [a, b]: [f64; 2]) -> (usize, &'a Side, DVec3) {
-        if let Some(quarters) = &self.quarters {
-            return (quarter, &self.of.sides()[0], quarters[quarter].point(a, b));
-        }
-        let (index, along) = self.of.draw_index((quarter as f64 + a) / 4.0);
-        let side = &self.of.sides()[index];
-        (index, side, side.node.shape.point(along, b))
+    pub fn draw(&self, quarter: usize, [a, b]: [f64; 2]) -> DVec3 {
+        self.0[quarter].point(a, b)
     }
 }

@@ -8,13 +8,10 @@
 //! are too low), and the escape. Within a part it goes to each link by its standard error, so a lamp that
 //! is seen whole keeps its exact form factor.
 
-use bytemuck::Zeroable;
-
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::row_parts::{Parts, Sums};
-use super::sectors;
-use crate::base::{NodeName, Result};
+use crate::base::NodeName;
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::links::LeafClosure;
 use crate::rays::RayScene;
@@ -58,87 +55,39 @@ pub struct Row {
     pub unseen: f64,
     /// Whether all that is seen has been linked; only then may a row be filled up.
     pub complete: bool,
-    /// Whether no light gets here.
-    pub sealed: bool,
 }
 
-/// Rows of a mesh, closed.
-pub struct Closed {
-    /// Of each leaf that sees anything or emits, ascending by name.
-    pub leaves: Vec<LeafClosure>,
-    /// What form factors to sources that were dark are multiplied by, for each node by position.
-    pub dark_shares: Vec<f32>,
-}
-
-/// Closes the rows of all leaves of a mesh that see anything or emit (`emits`: their light may leave the
-/// model though none arrives); `lift`: what links of each element that is no leaf are multiplied by for the
-/// leaves below; `is_dark`: whether no light leaves a source now; `measured` gives a leaf's escape, unseen mass and
-/// completeness.
+/// Closes the rows of all leaves of a mesh that see anything or emit (`emits`: their light may leave the model though
+/// none arrives); `measured` gives a leaf's escape, unseen mass and completeness. Ascending by name.
 pub fn rows(
     mesh: &Mesh,
     links: &[Vec<Link>],
-    lift: &[f64],
     emits: impl Fn(NodeName) -> bool,
-    is_dark: impl Fn(NodeName) -> Result<bool>,
     mut measured: impl FnMut(NodeName) -> Row,
-) -> Result<Closed> {
-    let first = mesh.sectors.len();
-    let mut dark_shares = vec![1.0; links.len()];
-    let mut inner = |at: usize| {
-        let (sums, dark_share) = inner(&links[at], lift[at], &is_dark)?;
-        dark_shares[at] = dark_share as f32;
-        Ok(sums)
-    };
-    let down: Result<Vec<Sums>> = (0..first).map(&mut inner).collect();
-    let mut above = sectors::bring_down(mesh, down?, |own, above| own.plus(&above));
+) -> Vec<LeafClosure> {
+    let rows = &links[mesh.sectors.len()..];
+    let sums = |row: &[Link], is_leafs| row.iter().fold(Sums::default(), |sum, link| sum.with(link, is_leafs));
+    let mut above = vec![Sums::default(); rows.len()];
     let mut leaves = Vec::new();
     for (at, element) in mesh.elements.iter().enumerate() {
         if !element.is_leaf() {
             let first_child = element.first_child as usize;
-            let down = above[at].plus(&inner(first + at)?);
+            let down = above[at].plus(&sums(&rows[at], false));
             above[first_child..first_child + 4].fill(down);
             continue;
         }
-        let own = links[first + at].iter().fold(Sums::default(), |sum, link| sum.with(link, true));
+        let own = sums(&rows[at], true);
         if own.form_factor + above[at].form_factor > 0.0 || emits(element.name) {
             leaves.push(close(element.name, &Row { own, above: above[at], ..measured(element.name) }));
         }
     }
     leaves.sort_by_key(|c| c.leaf);
-    Ok(Closed { leaves, dark_shares })
-}
-
-/// Sums of a row of a node above leaves as those leaves have it that are not sealed: they see more of what is lit than
-/// the node does, by `lift`, and so less of what is dark. Also what form factors to dark sources are multiplied by
-/// before `lift`: such a source may be lit by the end of the visit.
-fn inner(row: &[Link], lift: f64, is_dark: &impl Fn(NodeName) -> Result<bool>) -> Result<(Sums, f64)> {
-    if lift <= 1.0 {
-        return Ok((row.iter().fold(Sums::default(), |sum, link| sum.with(link, false)), 1.0));
-    }
-    let (mut lit, mut dark) = (Sums::default(), Sums::default());
-    for link in row.iter().filter(|link| link.form_factor > 0.0) {
-        let part = if is_dark(link.source)? { &mut dark } else { &mut lit };
-        *part = part.with(link, false);
-    }
-    let lifted = lit.times(lift);
-    let left = (lit.form_factor + dark.form_factor - lifted.form_factor).max(0.0);
-    let share = if dark.form_factor > 0.0 { left / dark.form_factor } else { 0.0 };
-    Ok((lifted.plus(&dark.times(share)), share / lift))
-}
-
-/// Whether a leaf's row was closed as that of a sealed one.
-#[must_use]
-pub fn is_sealed(closed: &LeafClosure) -> bool {
-    closed.own_scale == 0.0 && closed.above_scale == 0.0
+    leaves
 }
 
 /// Closes a leaf's row.
 #[must_use]
 pub fn close(leaf: NodeName, row: &Row) -> LeafClosure {
-    if row.sealed {
-        let escape = row.escape as f32;
-        return LeafClosure { leaf: leaf.0, escape, measured_escape: escape, ..LeafClosure::zeroed() };
-    }
     let rays = row.escape_rays.max(1) as f64;
     let doubt = (row.escape * (1.0 - row.escape)).max(0.25 / rays) / rays;
     let escape_error = if row.escape > 0.0 { doubt.sqrt().min(row.escape) } else { 0.0 };
@@ -172,7 +121,6 @@ pub fn close(leaf: NodeName, row: &Row) -> LeafClosure {
 mod tests {
     use super::*;
     use crate::base::{ClusterId, PatchSide};
-    use crate::model::links::Visibility;
     use crate::transport::row_parts::error;
 
     fn closed(row: Row) -> LeafClosure {
@@ -249,39 +197,5 @@ mod tests {
     fn an_unlit_row_stays_zero() {
         let row = closed(Row { unseen: 1.0, complete: true, ..Row::default() });
         assert_eq!((row.own_scale, row.closed_sum), (1.0, 0.0));
-    }
-
-    #[test]
-    fn leaves_beside_sealed_ones_see_more_of_what_is_lit_and_less_of_what_is_dark() {
-        let (mut mesh, patch) = Mesh::of_square(crate::base::Rgb::BLACK);
-        let root = mesh.elements[0].name;
-        mesh.split(0, &patch);
-        let [lit, dark] = [1, 2].map(|c| NodeName::root(ClusterId(c), PatchSide { patch: 0, side: 0 }));
-        let is_sealed = |leaf: NodeName| leaf == root.child(0) || leaf == root.child(3);
-        let lift = crate::transport::seal::lift(&mesh, is_sealed);
-        let close = |lit_share: f32| {
-            let link = |source, form_factor| Link {
-                source,
-                form_factor,
-                spread: 0.0,
-                uncertainty: 0.1 * form_factor,
-                class: Visibility::Surveyed,
-            };
-            let mut links = vec![Vec::new(); 5];
-            links[0] = vec![link(lit, lit_share), link(dark, 1.0 - lit_share)];
-            let measured = |leaf| Row { complete: true, sealed: is_sealed(leaf), ..Row::default() };
-            rows(&mesh, &links, &lift, |_| false, |source| Ok(source == dark), measured).unwrap()
-        };
-        let closed = close(0.4);
-        // Of a row of 0.4 and 0.6 half of the leaves see 0.8 and 0.2.
-        assert!((closed.dark_shares[0] * 2.0 * 0.6 - 0.2).abs() < 1e-6 && closed.dark_shares[1..] == [1.0; 4]);
-        for closed in closed.leaves {
-            let is_kept = closed.above_scale == 1.0 && closed.above_correction.abs() < 1e-6;
-            assert!(is_kept != is_sealed(NodeName(closed.leaf)), "{closed:?}");
-        }
-        // More than all of what is seen cannot be lit.
-        let over = close(0.75);
-        assert!(over.leaves.iter().all(|c| c.closed_sum < 1.0 + 1e-6 && c.above_correction <= 0.0));
-        assert_eq!(over.dark_shares[0], 0.0);
     }
 }

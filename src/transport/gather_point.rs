@@ -5,7 +5,6 @@ use glam::DVec3;
 
 use super::form_factor;
 use super::link_rows::Link;
-use super::refine::DIM;
 use super::sight::UNANIMOUS;
 use super::source::ClusterView;
 use crate::base::Rgb;
@@ -15,7 +14,6 @@ use crate::geom::sequence::{Sequence, mix, mix_point};
 use crate::model::links::Visibility;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
-use crate::rays::region::{Cuts, Region};
 
 /// The place: a point on a patch side.
 pub struct Place<'a> {
@@ -28,8 +26,6 @@ pub struct Place<'a> {
     pub typical_w_m2: f64,
     /// Share of that which errors of a source's visibility may come to.
     pub relative: f64,
-    /// No element edge is below this, m.
-    pub min_element_m: f64,
 }
 
 /// Sums over links as they are visited.
@@ -78,7 +74,7 @@ const CUT_SHARE: f64 = 0.02;
 /// Adds what arrives over one link of an element that holds the place. Sources whose light varies
 /// by more than `allowed` W/m2 at the place are taken child by child. Counts rays.
 pub fn add_link(
-    cuts: &Cuts<'_>,
+    scene: &RayScene<'_>,
     place: &Place<'_>,
     source_view: &ClusterView<'_>,
     link: &Link,
@@ -91,12 +87,12 @@ pub fn add_link(
     }
     let patch = &source_view.geometry.patches[usize::from(link.source.patch_side().patch)];
     let s = Node::at(source_view.id, patch, link.source);
-    add_source(cuts, place, source_view, &s, link.class, allowed, gathered, rays);
+    add_source(scene, place, source_view, &s, link.class, allowed, gathered, rays);
 }
 
 #[allow(clippy::too_many_arguments, reason = "a recursion's state")]
 fn add_source(
-    cuts: &Cuts<'_>,
+    scene: &RayScene<'_>,
     place: &Place<'_>,
     view: &ClusterView<'_>,
     s: &Node,
@@ -113,12 +109,12 @@ fn add_source(
         return;
     }
     let source = view.source(s.name);
-    // A source that the point sees in part may be dark where it does not: see `Region`.
+    // What hides part of a source hides its dark part: errors of its light count more there.
     let cut = class != Visibility::Visible || s.shape.corners().iter().any(|c| place.leaf.height(*c) < 0.0);
     let limit = if cut { CUT_SHARE * allowed } else { allowed };
     if source.divided && open * source.spread > limit {
         for quarter in 0..4 {
-            add_source(cuts, place, view, &s.child(quarter), class, allowed, gathered, rays);
+            add_source(scene, place, view, &s.child(quarter), class, allowed, gathered, rays);
         }
         return;
     }
@@ -126,12 +122,8 @@ fn add_source(
         // A dim place asks for more than a typical one, to a point.
         let allowed = POINT_SHARE * (place.relative * place.typical_w_m2).clamp(0.1 * allowed, allowed);
         let part = Part { shape: s.shape, open, depth: 0, allowed };
-        let is_smallest = s.is_smallest(place.min_element_m);
-        // A place far darker than a source may lie in a sealed part of it.
-        let is_dim = place.typical_w_m2 < DIM * source.radiosity.max();
-        let region = if is_smallest || is_dim { cuts.region(s) } else { None };
         let strength_w_m2 = source.radiosity.max() + place.typical_w_m2;
-        let view = View { scene: cuts.scene(), place, s, is_smallest, region, strength_w_m2 };
+        let view = View { scene, place, s, strength_w_m2 };
         view.seen(&part, rays)
     } else {
         Seen { form_factor: open, error: FLOOR * open }
@@ -161,8 +153,6 @@ struct View<'a> {
     scene: &'a RayScene<'a>,
     place: &'a Place<'a>,
     s: &'a Node,
-    is_smallest: bool,
-    region: Option<Region>,
     /// How strongly errors of the form factor act, W/m2.
     strength_w_m2: f64,
 }
@@ -206,16 +196,12 @@ impl View<'_> {
             if cos_r <= 0.0 || cos_s <= 0.0 {
                 continue;
             }
-            let holds = self.region.is_none_or(|g| g.holds(self.scene, to));
-            if !holds && self.is_smallest {
-                continue;
-            }
             let distance_squared = along.length_squared();
             let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
             all += weight;
             squares += weight * weight;
             *rays += 1;
-            if holds && !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end, &None) {
+            if !self.scene.blocked(p, to, &self.place.leaf.end, &self.s.end, &None) {
                 visible += weight;
             }
         }

@@ -105,7 +105,6 @@ impl Receiver<'_> {
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
-            one_region_source: false,
             seed: context.seed,
             tries: None,
         };
@@ -114,7 +113,6 @@ impl Receiver<'_> {
         self.counts.evaluated += 1;
         match verdict {
             Verdict::Keep => self.keep(self.position(at), lamp.name, &found),
-            Verdict::Withhold => self.keep(self.position(at), lamp.name, &found.without_light()),
             Verdict::SplitReceiver => self.link_quarters(context, view, at, r, lamp),
             Verdict::SplitSource => self.link_parts(context, view, at, r, lamp),
         }
@@ -158,7 +156,7 @@ fn look(
     judge: &dyn Fn(&Sight) -> Verdict,
     rays: &mut u64,
 ) -> Option<(Sight, Verdict)> {
-    let slack = context.cuts.scene().snap_m();
+    let slack = context.scene.snap_m();
     let tolerance = care.tolerance(lamp.area_m2, r.shape.centre().distance_squared(lamp.centre));
     let share = tolerance / (lamp.sides().len() as f64).sqrt();
     let mut clear = Sight { form_factor: 0.0, spread: 0.0, uncertainty: 0.0, class: Visibility::Partial };
@@ -178,12 +176,10 @@ fn look(
 
 /// A sight by rays, and how many places were tried.
 fn sample(context: &Context<'_>, r: &Node, lamp: &Bundle, clear: &Sight, care: Care, rays: &mut u64) -> (Sight, u64) {
-    let scene = context.cuts.scene();
-    let region = sight::smallest_region(context.cuts, r);
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::quarter(&r.shape, q as u32));
     let sequence = Sequence::new(mix(care.seed ^ mix(r.name.0)) ^ lamp.name.0);
     let softening = 2e-3 * lamp.area_m2 / lamp.sides().len() as f64;
-    sight::cast(care, clear, None, |index, tally| {
+    sight::cast(care, clear, |index, tally| {
         let [a, b, c, d] = sequence.point(index);
         let quarter = (index % 4) as usize;
         let from = quarters[quarter].point(a, b);
@@ -191,12 +187,12 @@ fn sample(context: &Context<'_>, r: &Node, lamp: &Bundle, clear: &Sight, care: C
         let to = side.node.shape.point(along, d);
         let between = to - from;
         let (cos_r, cos_s) = (r.normal.dot(between), -side.node.normal.dot(between));
-        if cos_r <= 0.0 || cos_s <= 0.0 || region.is_some_and(|region| !region.holds(scene, from)) {
+        if cos_r <= 0.0 || cos_s <= 0.0 {
             return;
         }
         let distance_squared = between.length_squared();
         let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening));
         *rays += 1;
-        tally.add(quarter, weight, !scene.blocked(from, to, &r.end, &side.node.end, &None));
+        tally.add(quarter, weight, !context.scene.blocked(from, to, &r.end, &side.node.end, &None));
     })
 }

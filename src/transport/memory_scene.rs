@@ -21,12 +21,11 @@ use crate::geom::quadtree;
 use crate::model::geometry::{
     ClusterHead, GeometryView, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of,
 };
-use crate::model::light::{LightView, NEVER};
-use crate::model::rays::{ClusterRef, TopRaysView};
+use crate::model::light::LightView;
+use crate::model::rays;
 use crate::model::visibility::VisibilityHead;
-use crate::rays::RayScene;
 use crate::rays::emitters::NO_EMITTERS;
-use crate::rays::region::Cuts;
+use crate::rays::{RayScene, build};
 
 /// One cluster of one polygon.
 struct Stored {
@@ -57,8 +56,8 @@ impl Loaded for Stored {
 /// A model and its solution.
 pub struct MemoryScene {
     stored: Vec<Rc<Stored>>,
-    nodes: Vec<crate::model::rays::RayNode>,
-    refs: Vec<ClusterRef>,
+    nodes: Vec<rays::RayNode>,
+    refs: Vec<rays::ClusterRef>,
     file: Vec<u64>,
     links: Vec<StoredLinks>,
 }
@@ -96,13 +95,12 @@ impl MemoryScene {
             patch.corner_count = corners.len() as u8;
             patch.sides = 3;
             patch.area_m2 = quadtree::patch_polygon(&patch).area() as f32;
-            let (nodes, ray_patches) = crate::rays::build::cluster(&[patch]);
-            let mut reference = ClusterRef::zeroed();
-            reference.cluster = i as u32;
-            (reference.nodes_at, reference.nodes) = (bytes.len() as u64, nodes.len() as u32);
-            bytes.extend_from_slice(bytemuck::cast_slice(&nodes));
-            (reference.patches_at, reference.patches) = (bytes.len() as u64, ray_patches.len() as u32);
-            bytes.extend_from_slice(bytemuck::cast_slice(&ray_patches));
+            (patch.face, patch.face_area_m2) = ((i as u32) << 8, patch.area_m2);
+            let (nodes, faces) = build::cluster(&[build::whole(&patch, 0)]);
+            let cuts = rays::Cuts { faces: &[], nodes: &[], parts: &[] };
+            let payload = rays::ClusterRaysView { nodes: &nodes, patches: &faces, cuts }.payload();
+            let reference = rays::ClusterRef::to(i as u32, &payload, bytes.len() as u64).expect("just built");
+            bytes.extend_from_slice(&payload);
             refs.push((reference, nodes[0].min_m, nodes[0].max_m));
             let mut head = ClusterHead::zeroed();
             (head.cluster, head.patches) = (i as u32, 1);
@@ -117,17 +115,17 @@ impl MemoryScene {
             for side in 0..2 {
                 mesh.add_root(&geometry, PatchSide { patch: 0, side });
             }
-            let light = aligned(&records::encode(&mesh, &geometry, &materials, NEVER));
+            let light = aligned(&records::encode(&mesh, &geometry, &materials));
             stored.push(Rc::new(Stored { head, tree, sectors, patches, materials, light }));
         }
-        let (nodes, refs) = crate::rays::build::top(&refs);
+        let (nodes, refs) = build::top(&refs);
         let count = stored.len();
         Self { stored, nodes, refs, file: aligned(&bytes), links: vec![StoredLinks::default(); count] }
     }
 
     /// What rays can meet.
     pub fn rays(&self) -> RayScene<'_> {
-        let top = TopRaysView { nodes: &self.nodes, clusters: &self.refs };
+        let top = rays::TopRaysView { nodes: &self.nodes, clusters: &self.refs };
         RayScene::new(top, bytemuck::cast_slice(&self.file), &NO_EMITTERS, 1e-5).expect("laid out by `new`")
     }
 
@@ -140,7 +138,7 @@ impl MemoryScene {
         let (sides, sources) = (SideCache::default(), SourceMemo::default());
         for (own, links) in self.stored.iter().zip(&mut all_links) {
             let context = Context {
-                cuts: &Cuts::new(self.rays(), min_element_m),
+                scene: self.rays(),
                 clusters: self,
                 tolerances: Tolerances { row_w_m2, min_element_m },
                 seed: 1,
@@ -153,12 +151,12 @@ impl MemoryScene {
             let stored = std::mem::take(links);
             let before = Unsolved { view: own.view(), visible: visible.clone(), found, stored };
             let solved = solve_cluster(&context, before).expect("memory does not fail");
-            let SolvedCluster { mesh, rows, closure, factors, dark_shares, .. } = solved;
+            let SolvedCluster { mesh, rows, closure, factors, .. } = solved;
             let rows = rows.into_iter().enumerate().map(|(at, row)| (mesh.name_at(at), row)).collect();
             *links = StoredLinks { rows, closure };
             let length = mesh.node_count();
             let (materials, external) = (own.materials.clone(), vec![Gathered::default(); length]);
-            members.push(Member { mesh, materials, external, factors, dark_shares, first });
+            members.push(Member { mesh, materials, external, factors, first });
             first += length;
         }
         self.links = all_links;
@@ -167,7 +165,7 @@ impl MemoryScene {
         for (own, member) in self.stored.iter_mut().zip(&members) {
             let light = {
                 let view = own.view();
-                aligned(&records::encode(&member.mesh, &view.geometry, view.materials, NEVER))
+                aligned(&records::encode(&member.mesh, &view.geometry, view.materials))
             };
             Rc::get_mut(own).expect("nobody reads any more").light = light;
         }

@@ -16,7 +16,6 @@ pub mod link_rows;
 #[cfg(test)]
 mod memory_scene;
 pub mod mesh;
-pub mod met;
 pub mod oracle;
 pub mod pairs;
 pub mod point_survey;
@@ -26,7 +25,6 @@ pub mod refine;
 pub mod relax;
 pub mod residual;
 pub mod row_parts;
-pub mod seal;
 pub mod sectors;
 pub mod sight;
 pub mod solve_cluster;

@@ -3,7 +3,6 @@
 use super::sight::Sight;
 use super::source::SourceLight;
 use crate::base::Rgb;
-use crate::model::links::Visibility;
 
 /// What error matters, the same for a whole task.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,8 +27,6 @@ impl Tolerances {
 pub enum Verdict {
     /// Keep it.
     Keep,
-    /// Keep it, but let no light pass: too little to be worth finding out where it belongs.
-    Withhold,
     /// Link the receiver's children instead.
     SplitReceiver,
     /// Link to the source's children instead.
@@ -45,11 +42,6 @@ pub struct Case {
     pub child_edge_m: f64,
     /// Whether the receiver has levels left.
     pub receiver_has_levels: bool,
-    /// Whether the source emits, the receiver is far darker and a wall stands on the source: the
-    /// receiver may lie in a sealed place that only part of the source shares.
-    pub may_be_sealed: bool,
-    /// Whether the source emits and a wall stands on the receiver: its parts may be in different rooms.
-    pub receiver_is_cut: bool,
     /// How much the kernel may vary over the source, 0..=1.
     pub source_variation: f64,
 }
@@ -70,9 +62,6 @@ pub fn can_split(case: &Case, tolerances: &Tolerances, excess: f64) -> bool {
     case.receiver_has_levels && case.child_edge_m >= floor && excess * case.receiver_area_m2 > floor * floor
 }
 
-/// Share of a row's error below which no light is worth following through a cut element.
-const NEGLIGIBLE: f64 = 1e-4;
-
 /// Factor on errors from a source's spread, which do not average out over a row as others do: what is near
 /// is linked finely and lies in dim corners, what is far coarsely and misses the bright middles.
 pub const SOURCE_SIGN: f64 = 8.0;
@@ -80,19 +69,6 @@ pub const SOURCE_SIGN: f64 = 8.0;
 /// Judges a link: errors in radiosity and in flux must both exceed what is allowed before it is split.
 #[must_use]
 pub fn judge(sight: &Sight, strength: f64, source: &SourceLight, case: &Case, tolerances: &Tolerances) -> Verdict {
-    // Light must not get into a sealed place by a mean over what lies inside and outside of it, nor by
-    // a mean over parts of the receiver that see the source and parts that do not. What is not worth
-    // following is left out, however little it is.
-    let most = (sight.form_factor + sight.uncertainty).max(sight.withheld());
-    let is_negligible = most * strength <= NEGLIGIBLE * tolerances.row_w_m2;
-    if case.may_be_sealed && source.divided && most > 0.0 {
-        return if is_negligible { Verdict::Withhold } else { Verdict::SplitSource };
-    }
-    let in_part = sight.class == Visibility::Partial || sight.spread >= 0.99 * sight.form_factor;
-    let levels_left = case.receiver_has_levels && case.child_edge_m >= tolerances.min_element_m;
-    if case.receiver_is_cut && in_part && levels_left && most > 0.0 {
-        return if is_negligible { Verdict::Withhold } else { Verdict::SplitReceiver };
-    }
     let allowed = tolerances.of_link(sight.form_factor + sight.uncertainty);
     // Over a receiver the deviation from the mean is about half its largest on average.
     let receiver_error = (0.5 * sight.spread + sight.uncertainty) * strength;

@@ -76,7 +76,7 @@ impl Receiver<'_> {
         if chosen.is_empty() {
             return Ok(());
         }
-        let slack = context.cuts.scene().snap_m();
+        let slack = context.scene.snap_m();
         for &id in visible {
             if context.progress.interrupted() {
                 return Err(Error::Interrupted);

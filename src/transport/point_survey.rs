@@ -2,15 +2,14 @@
 
 use glam::DVec3;
 
-use super::gap::{Gap, Met, cast, is_gap};
+use super::gap::{Gap, Met, Surroundings, is_gap};
 use super::gather_point::{Gathered, Place, Seen};
 use super::lamp_list::is_close_lamp;
-use super::met::weights;
 use super::source::Clusters;
 use super::survey_row::counted_error;
 use crate::base::{NodeName, Result, Rgb};
 use crate::geom::sequence::Sequence;
-use crate::rays::region::Cuts;
+use crate::rays::RayScene;
 
 /// What a point's own rays meet.
 pub struct Survey {
@@ -19,6 +18,7 @@ pub struct Survey {
     /// are wide.
     pub is_gap: bool,
     sequence: Sequence,
+    min_element_m: f64,
 }
 
 impl Survey {
@@ -61,40 +61,44 @@ impl Survey {
 const SURVEY_RAYS: u64 = 1024;
 
 /// Casts a point's own rays. Counts them.
-pub fn survey(cuts: &Cuts<'_>, clusters: &dyn Clusters, place: &Place<'_>, rays: &mut u64) -> Result<Survey> {
-    let (met, sequence) = cast(cuts, clusters, place.point, place.leaf, SURVEY_RAYS, rays)?;
-    Ok(Survey { is_gap: is_gap(&met, SURVEY_RAYS, place.min_element_m), met, sequence })
+pub fn survey(
+    scene: &RayScene<'_>,
+    clusters: &dyn Clusters,
+    place: &Place<'_>,
+    min_element_m: f64,
+    rays: &mut u64,
+) -> Result<Survey> {
+    let around = Surroundings { scene, clusters, min_element_m };
+    let (met, sequence) = around.cast(place.point, place.leaf, SURVEY_RAYS, rays)?;
+    Ok(Survey { is_gap: is_gap(&met, SURVEY_RAYS, min_element_m), met, sequence, min_element_m })
 }
 
 /// Adds what arrives from all sides that are not in `linked` (ascending); in a gap by paths that are followed until
 /// they leave it. Counts rays.
 pub fn add_survey(
-    cuts: &Cuts<'_>,
+    scene: &RayScene<'_>,
     clusters: &dyn Clusters,
-    place: &Place<'_>,
     survey: &Survey,
     linked: &[NodeName],
     gathered: &mut Gathered,
     rays: &mut u64,
 ) -> Result<()> {
-    let met: Vec<&Met> = survey.met.iter().filter(|found| linked.binary_search(&found.side).is_err()).collect();
-    let kinds: Vec<_> = met.iter().map(|found| (found.side.cluster(), found.answer.kind())).collect();
-    let gap = Gap { cuts, clusters, min_element_m: place.min_element_m, sequence: survey.sequence, paths: SURVEY_RAYS };
-    let (mut light, mut all) = (Rgb::BLACK, 0.0);
-    for ((index, found), weight) in (1..).zip(&met).zip(weights(&kinds)) {
-        let Some(leaf) = found.answer.element else { continue };
-        let radiosity = if survey.is_gap {
-            gap.follow(index, **found, rays)?
+    let around = Surroundings { scene, clusters, min_element_m: survey.min_element_m };
+    let gap = Gap { around, sequence: survey.sequence, paths: SURVEY_RAYS };
+    let (mut light, mut count) = (Rgb::BLACK, 0.0);
+    let open = survey.met.iter().filter(|met| linked.binary_search(&met.side).is_err());
+    for (index, met) in (1..).zip(open) {
+        light += if survey.is_gap {
+            gap.follow(index, *met, rays)?
         } else {
-            clusters.cluster(found.side.cluster())?.view().source(leaf.name).radiosity
+            clusters.cluster(met.side.cluster())?.view().source(met.element.name).radiosity
         };
-        light += radiosity * weight;
-        all += weight;
+        count += 1.0;
     }
-    if all > 0.0 {
-        let share = met.len() as f64 / SURVEY_RAYS as f64;
+    if count > 0.0 {
+        let share = count * Survey::RAY;
         let error = counted_error(share, SURVEY_RAYS as f64);
-        gathered.add(light * (1.0 / all), Seen { form_factor: share, error });
+        gathered.add(light * (1.0 / count), Seen { form_factor: share, error });
     }
     Ok(())
 }

@@ -1,7 +1,6 @@
 //! Push-pull: what arrives at inner elements goes down to the leaves, means come up again.
 
 use super::mesh::Mesh;
-use super::sectors;
 use crate::base::{NodeName, Rgb};
 use crate::model::links::LeafClosure;
 
@@ -34,11 +33,10 @@ impl Factors {
     }
 }
 
-/// Factors of every node of a mesh, by position: of a leaf those that close its row, of others what their own
-/// light is multiplied by on its way down (see [`super::seal::lift`]).
+/// Factors of every node of a mesh, by position: of a leaf those that close its row.
 #[must_use]
-pub fn factors(mesh: &Mesh, lift: Vec<f64>, closure: &[LeafClosure]) -> Vec<Factors> {
-    let mut factors: Vec<Factors> = lift.into_iter().map(|own_scale| Factors { own_scale, ..Factors::ONE }).collect();
+pub fn factors(mesh: &Mesh, closure: &[LeafClosure]) -> Vec<Factors> {
+    let mut factors = vec![Factors::ONE; mesh.node_count()];
     for c in closure {
         factors[mesh.position(NodeName(c.leaf))] = Factors::of(c);
     }
@@ -61,24 +59,18 @@ impl Gathered {
         self.doubt += radiosity * error;
     }
 
-    fn times(self, factor: f64) -> Self {
-        Self { light: self.light * factor, doubt: self.doubt * factor }
-    }
-
     fn plus(self, other: Self) -> Self {
         Self { light: self.light + other.light, doubt: self.doubt + other.doubt }
     }
 }
 
-/// Sets every node's irradiance from what each gathered over its own links (by position in the mesh) and
-/// each leaf's closing factors (by element). Keeps power: a node's irradiance is the area-weighted mean of
-/// those below it.
+/// Sets every element's irradiance from what each gathered over its own links and from each leaf's closing factors (both
+/// by position in the mesh; sector nodes send only). Keeps power: a node's irradiance is the area-weighted mean of those
+/// below it.
 pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
-    let (of_sectors, own) = gathered.split_at(mesh.sectors.len());
-    let (of_above, factors) = factors.split_at(mesh.sectors.len());
+    let (own, factors) = (&gathered[mesh.sectors.len()..], &factors[mesh.sectors.len()..]);
     // Those above come earlier: one pass down, one up.
-    let down = of_sectors.iter().zip(of_above).map(|(own, by)| own.times(by.own_scale)).collect();
-    let mut above = sectors::bring_down(mesh, down, Gathered::plus);
+    let mut above = vec![Gathered::default(); own.len()];
     for at in 0..mesh.elements.len() {
         let element = &mut mesh.elements[at];
         if element.is_leaf() {
@@ -91,7 +83,7 @@ pub fn push_pull(mesh: &mut Mesh, gathered: &[Gathered], factors: &[Factors]) {
             element.set_irradiance(Rgb(closed.0.map(|x| x.max(0.0))));
         } else {
             let first = element.first_child as usize;
-            let down = above[at].plus(own[at].times(factors[at].own_scale));
+            let down = above[at].plus(own[at]);
             above[first..first + 4].fill(down);
         }
     }

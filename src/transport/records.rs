@@ -3,14 +3,13 @@
 use super::mesh::Mesh;
 use crate::base::Rgb;
 use crate::geom::quadtree;
-use crate::geom::sequence::mix;
-use crate::model::geometry::{GeometryView, NONE, SideMaterial, sector_of};
+use crate::model::geometry::{GeometryView, SideMaterial, sector_of};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
 
-/// The payload of the mesh's radiosity extent; `seen` as in [`LightHead`].
+/// The payload of the mesh's radiosity extent.
 #[must_use]
-pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial], seen: u32) -> Vec<u8> {
+pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial]) -> Vec<u8> {
     let mut elements: Vec<(u32, ElementLight)> = mesh
         .elements
         .iter()
@@ -24,28 +23,9 @@ pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMateria
     for depth in 0..15u32 {
         level_start[depth as usize + 1] = elements.partition_point(|(d, _)| *d <= depth) as u32;
     }
-    let head = LightHead { channels: 3, layer: 0, level_start, lit: lit(mesh, materials), seen };
+    let head = LightHead { channels: 3, layer: 0, level_start, reserved: [0; 2] };
     let elements: Vec<ElementLight> = elements.into_iter().map(|(_, light)| light).collect();
     ArraysBuilder::default().with(&[head]).with(&sectors(mesh, geometry, materials)).with(&elements).finish()
-}
-
-/// See [`LightHead`]: of the largest elements that light leaves all over.
-fn lit(mesh: &Mesh, materials: &[SideMaterial]) -> u32 {
-    let mut is_lit = vec![true; mesh.elements.len()];
-    // Children lie behind their parents.
-    for (at, element) in mesh.elements.iter().enumerate().rev() {
-        is_lit[at] = if element.is_leaf() {
-            let material = &materials[element.name.patch_side().index()];
-            let reflected = Rgb::from_f32(material.rho).times(element.irradiance);
-            !(Rgb::from_f32(material.exitance) + reflected).is_black()
-        } else {
-            let first = element.first_child as usize;
-            is_lit[first..first + 4].iter().all(|lit| *lit)
-        };
-    }
-    let is_largest = |parent: u32| parent == NONE || !is_lit[parent as usize];
-    let largest = mesh.elements.iter().zip(&is_lit).filter(|(element, is_lit)| **is_lit && is_largest(element.parent));
-    largest.fold(0, |sum, (element, _)| sum ^ mix(element.name.0)) as u32
 }
 
 /// Light of one patch side's root.
@@ -89,7 +69,6 @@ fn sectors(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial])
         .iter()
         .map(|head| {
             let tree = &geometry.tree[head.tree_node as usize];
-            debug_assert_ne!(head.tree_node, NONE);
             let first = usize::from(tree.first_patch) * 2;
             let sector = head.node().sector_digit();
             let below = || {
@@ -112,27 +91,4 @@ fn sectors(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial])
             }
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_lit_is_told_by_places_however_they_are_divided() {
-        let materials = [SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }; 2];
-        let mesh_lit_by = |irradiance: f64| Mesh::of_square(Rgb::grey(irradiance)).0;
-        let patch = Mesh::of_square(Rgb::BLACK).1;
-        let (dark, mut mesh) = (lit(&mesh_lit_by(0.0), &materials), mesh_lit_by(1.0));
-        let whole = lit(&mesh, &materials);
-        assert!(dark == 0 && whole != 0);
-        mesh.split(0, &patch);
-        mesh.split(3, &patch);
-        assert_eq!(lit(&mesh, &materials), whole, "divided, but lit all over");
-        mesh.elements[6].set_irradiance(Rgb::BLACK);
-        let in_part = lit(&mesh, &materials);
-        assert!(in_part != whole && in_part != 0);
-        mesh.split(2, &patch);
-        assert_eq!(lit(&mesh, &materials), in_part);
-    }
 }

@@ -15,10 +15,9 @@ use super::survey;
 use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::geom::quadtree;
-use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
+use crate::rays::RayScene;
 use crate::rays::node::Node;
-use crate::rays::region::Cuts;
 
 /// Which sources are linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,8 +30,8 @@ pub enum Scope {
 
 /// What stays the same over a task.
 pub struct Context<'a> {
-    /// What rays can meet, and what walls stand on.
-    pub cuts: &'a Cuts<'a>,
+    /// What rays can meet.
+    pub scene: RayScene<'a>,
     /// The version that is read.
     pub clusters: &'a dyn Clusters,
     /// Errors that matter.
@@ -71,13 +70,6 @@ pub struct Receiver<'a> {
     pub changed: Vec<bool>,
     /// What was done.
     pub counts: Counts,
-    /// Whether walls stand on each element, where that has been asked.
-    pub(super) cut: Vec<Option<bool>>,
-    /// Elements that have been split along what cuts them.
-    pub(super) followed: Vec<bool>,
-    /// Whether so much is in sight that what does not emit is surveyed: a leaf's own rays tell then whether it is
-    /// sealed, and links need not follow cuts.
-    pub(super) surveys: bool,
 }
 
 impl<'a> Receiver<'a> {
@@ -85,8 +77,7 @@ impl<'a> Receiver<'a> {
     #[must_use]
     pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
         let changed = vec![false; rows.len()];
-        let (cut, followed) = (vec![None; mesh.elements.len()], vec![false; mesh.elements.len()]);
-        Self { view, mesh, rows, changed, counts: Counts::default(), cut, followed, surveys: false }
+        Self { view, mesh, rows, changed, counts: Counts::default() }
     }
 
     /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
@@ -94,7 +85,7 @@ impl<'a> Receiver<'a> {
     pub fn refine(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<()> {
         let lamps = LampTree::of_clusters(context.clusters, context.sides, visible)?;
         let many_lamps = lamps.count > FEW_LAMPS;
-        self.surveys = many_lamps || !sees_few(context, visible)?;
+        let surveys = many_lamps || !sees_few(context, visible)?;
         self.test_stored(context, &lamps)?;
         let sides: Vec<Node> = (0..2 * self.view.geometry.patches.len())
             .filter(|&i| self.view.takes_part(i))
@@ -105,7 +96,7 @@ impl<'a> Receiver<'a> {
             .collect();
         let all: Vec<usize> = (0..sides.len()).collect();
         let mut linked = self.linked_sides(context)?;
-        if self.surveys {
+        if surveys {
             if many_lamps {
                 self.survey_lamps(context, &lamps)?;
             } else {
@@ -140,17 +131,11 @@ impl<'a> Receiver<'a> {
         known: &Known<'c>,
     ) {
         let source = source_view.source(s.name);
-        self.find_out_whether_cut(context, at, r);
         let strength = self.strength(at, source.radiosity);
-        let emits = source_view.emits(s.name);
-        let follows = emits && !self.surveys;
-        let may_be_sealed = follows && self.is_dim(at, source.radiosity) && context.cuts.is_cut(s);
-        let receiver_is_cut = follows && self.cut[at] == Some(true);
-        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, PARTIAL_VARIATION) };
+        let case = self.case(at, r, PARTIAL_VARIATION);
         let care = Care {
             allowed: context.tolerances.row_w_m2 / strength,
             can_split: oracle::can_split(&case, &context.tolerances, 2.0),
-            one_region_source: case.may_be_sealed && !source.divided && context.scope == Scope::Everything,
             seed: context.seed,
             tries: None,
         };
@@ -158,7 +143,7 @@ impl<'a> Receiver<'a> {
             let case = Case { source_variation: variation(r, s, found.class), ..case };
             oracle::judge(found, strength, &source, &case, &context.tolerances)
         };
-        let Some(look) = sight::look(context.cuts, r, s, known, care, &judge, &mut self.counts.rays) else {
+        let Some(look) = sight::look(&context.scene, r, s, known, care, &judge, &mut self.counts.rays) else {
             return;
         };
         let found = look.sight;
@@ -166,7 +151,6 @@ impl<'a> Receiver<'a> {
         self.counts.evaluated += 1;
         match look.verdict {
             Verdict::Keep => self.keep(self.position(at), s.name, &found),
-            Verdict::Withhold => self.keep(self.position(at), s.name, &found.without_light()),
             Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, &below),
             Verdict::SplitSource => {
                 for quarter in 0..4 {
@@ -179,16 +163,6 @@ impl<'a> Receiver<'a> {
     /// Position among all nodes of the mesh of an element.
     pub(super) fn position(&self, element: usize) -> usize {
         self.mesh.sectors.len() + element
-    }
-
-    /// Whether walls stand on an element.
-    pub(super) fn find_out_whether_cut(&mut self, context: &Context<'_>, at: usize, r: &Node) {
-        if self.cut[at].is_none() {
-            // What nothing cuts has no cut children.
-            let above = self.mesh.elements[at].parent;
-            let possible = above == NONE || self.cut[above as usize] != Some(false);
-            self.cut[at] = Some(possible && context.cuts.is_cut(r));
-        }
     }
 
     /// Adds a link to the node at `position`.
@@ -215,8 +189,6 @@ impl<'a> Receiver<'a> {
             self.mesh.split(at, patch);
             self.rows.resize_with(self.mesh.node_count(), Vec::new);
             self.changed.resize(self.mesh.node_count(), true);
-            self.cut.resize(self.mesh.elements.len(), None);
-            self.followed.resize(self.mesh.elements.len(), false);
         }
     }
 
@@ -236,11 +208,6 @@ impl<'a> Receiver<'a> {
         }
     }
 
-    /// Whether the source is so much brighter that the receiver may lie in a sealed place.
-    fn is_dim(&self, at: usize, radiosity: Rgb) -> bool {
-        self.mesh.elements[at].irradiance.max() < DIM * radiosity.max()
-    }
-
     pub(super) fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
         let element = &self.mesh.elements[at];
         oracle::strength(radiosity, element.irradiance, element.spread())
@@ -251,8 +218,6 @@ impl<'a> Receiver<'a> {
             receiver_area_m2: self.mesh.elements[at].area_m2,
             child_edge_m: quadtree::child_edge_m(&r.shape),
             receiver_has_levels: r.name.depth() < MAX_DEPTH,
-            may_be_sealed: false,
-            receiver_is_cut: false,
             source_variation,
         }
     }
@@ -296,14 +261,8 @@ impl<'a> Receiver<'a> {
 
     /// Tests a link between elements; one that does not hold is replaced by finer ones.
     fn test_elements(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<bool> {
-        let is_withheld = link.form_factor == 0.0;
         let splits_receiver = match self.test(context, at, link)? {
             Verdict::Keep => return Ok(true),
-            Verdict::Withhold if is_withheld => return Ok(true),
-            Verdict::Withhold => {
-                self.keep(self.position(at), link.source, &sight_of(link).without_light());
-                return Ok(false);
-            }
             Verdict::SplitReceiver => true,
             Verdict::SplitSource => false,
         };
@@ -332,29 +291,22 @@ impl<'a> Receiver<'a> {
 
     /// What is to be done with a stored link in today's light.
     fn test(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<Verdict> {
-        let KnownSource { light, emits } = context.sources.source(context.clusters, link.source)?;
+        let KnownSource { light, .. } = context.sources.source(context.clusters, link.source)?;
         let strength = self.strength(at, light.radiosity);
         let sight = sight_of(link);
         // The cheap bound first: shapes are needed only where it does not do.
         let bound = (0.5 * sight.spread + sight.uncertainty) * strength
             + oracle::SOURCE_SIGN * sight.form_factor * light.spread * PARTIAL_VARIATION;
-        let dim = self.is_dim(at, light.radiosity);
-        let follows = emits && !self.surveys;
-        if !(follows && ((dim && light.divided) || self.cut[at] == Some(true)))
-            && bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty)
-        {
+        if bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty) {
             return Ok(Verdict::Keep);
         }
         let r = &self.node_of_element(at);
-        self.find_out_whether_cut(context, at, r);
         if link.source.is_sector() {
             let case = self.case(at, r, PARTIAL_VARIATION);
             return Ok(oracle::judge(&sight, strength, &light, &case, &context.tolerances));
         }
         let s = node(&context.clusters.cluster(link.source.cluster())?.view(), link.source);
-        let may_be_sealed = follows && dim && context.cuts.is_cut(&s);
-        let receiver_is_cut = follows && self.cut[at] == Some(true);
-        let case = Case { may_be_sealed, receiver_is_cut, ..self.case(at, r, variation(r, &s, link.class)) };
+        let case = self.case(at, r, variation(r, &s, link.class));
         Ok(oracle::judge(&sight, strength, &light, &case, &context.tolerances))
     }
 
@@ -402,9 +354,6 @@ pub(super) fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
 pub(super) fn side_key(name: NodeName) -> u64 {
     name.0 >> 29
 }
-
-/// A receiver whose irradiance is below this share of a source's radiosity is dim beside it.
-pub const DIM: f64 = 0.15;
 
 /// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
 /// part (what lies under a box is dark and unseen), an error that does not average out over links.

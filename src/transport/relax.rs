@@ -17,8 +17,6 @@ pub struct Member {
     pub external: Vec<Gathered>,
     /// By position: see [`super::push_pull::factors`].
     pub factors: Vec<Factors>,
-    /// By position: see [`super::closure::Closed`].
-    pub dark_shares: Vec<f32>,
     /// Position of its first node among the group's.
     pub first: usize,
 }
@@ -98,8 +96,6 @@ pub fn relax(
         debug_assert_eq!(member.first, radiosity.len());
         radiosity.extend(member.radiosities());
     }
-    // Closing took these for dark.
-    let was_dark: Vec<bool> = radiosity.iter().map(|b| b.is_black()).collect();
     let mut done = Relaxed::default();
     let mut last_change = f64::INFINITY;
     loop {
@@ -111,10 +107,8 @@ pub fn relax(
             let mut gathered = members[index].external.clone();
             links.each(index, members, &mut |link| {
                 let (receiver, source) = (link.receiver as usize, link.source as usize);
-                let dark_share = f64::from(members[index].dark_shares[receiver]);
-                let share = if dark_share != 1.0 && was_dark[source] { dark_share } else { 1.0 };
                 let (form_factor, error) = (f64::from(link.form_factor), f64::from(link.error));
-                gathered[receiver].add(radiosity[source], share * form_factor, share * error);
+                gathered[receiver].add(radiosity[source], form_factor, error);
                 done.links += 1;
             })?;
             let member = &mut members[index];
@@ -142,42 +136,5 @@ pub fn relax(
         if finished || done.sweeps >= MOST_SWEEPS {
             return Ok(done);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::base::Quiet;
-
-    /// Links by receiving member.
-    struct Given(Vec<Vec<InnerLink>>);
-
-    impl InnerLinks for Given {
-        fn each(&mut self, index: usize, _: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
-            self.0[index].iter().for_each(visit);
-            Ok(())
-        }
-    }
-
-    /// A square of one element.
-    fn square(first: usize, rho: f32, exitance: f32, dark_share: f32) -> Member {
-        let (mesh, _) = Mesh::of_square(Rgb::BLACK);
-        let side = SideMaterial { rho: [rho; 3], exitance: [exitance; 3] };
-        let factors = vec![Factors::ONE; mesh.node_count()];
-        let external = vec![Gathered::default(); mesh.node_count()];
-        Member { mesh, materials: vec![side; 2], external, factors, dark_shares: vec![dark_share], first }
-    }
-
-    #[test]
-    fn what_was_dark_when_rows_were_closed_gives_its_share_though_it_is_lit_by_now() {
-        // The first sees a lamp and a mirror of it that was dark; of what was dark half is left to it.
-        let mut members = [square(0, 0.0, 0.0, 0.5), square(1, 0.0, 10.0, 1.0), square(2, 0.5, 0.0, 1.0)];
-        let link = |source, form_factor| InnerLink { receiver: 0, source, form_factor, error: 0.0 };
-        let mut links = Given(vec![vec![link(1, 0.25), link(2, 0.5)], Vec::new(), vec![link(1, 0.8)]]);
-        relax(&mut members, &mut links, Inner::Gathers(3), &Quiet).unwrap();
-        let got = members.each_ref().map(|member| member.mesh.elements[0].irradiance.0[0]);
-        let expected = [0.25 * 10.0 + 0.5 * 0.5 * (0.5 * 8.0), 0.0, 8.0];
-        assert!(got.iter().zip(expected).all(|(got, expected)| (got - expected).abs() < 1e-6), "{got:?}");
     }
 }

@@ -29,16 +29,6 @@ impl Sums {
         }
     }
 
-    /// Of the same links, each multiplied by `factor`.
-    pub(super) fn times(self, factor: f64) -> Self {
-        Self {
-            form_factor: self.form_factor * factor,
-            error: self.error * factor,
-            variance: self.variance * factor * factor,
-            ..self
-        }
-    }
-
     pub(super) fn plus(self, other: &Self) -> Self {
         Self {
             form_factor: self.form_factor + other.form_factor,

@@ -55,7 +55,7 @@ pub fn above_sides(geometry: &GeometryView<'_>, of: NodeName) -> Vec<u32> {
             if patch.sides & (1 << (index % 2)) == 0 {
                 return NONE;
             }
-            find(geometry, of, sector_of_side(geometry, at), patch.tree_node)
+            find(geometry, of, sector_of_side(geometry, at), u32::from(patch.tree_node))
         })
         .collect()
 }
@@ -75,23 +75,6 @@ pub fn sum_up<T: Copy + Default + AddAssign>(mesh: &Mesh, of_root: impl Fn(usize
         }
     }
     sums
-}
-
-/// What comes down to each root from its `own` of all sector nodes above, by element: nothing yet to those that are
-/// no roots.
-#[must_use]
-pub fn bring_down<T: Copy + Default>(mesh: &Mesh, mut own: Vec<T>, plus: impl Fn(T, T) -> T) -> Vec<T> {
-    for at in 0..own.len() {
-        let parent = mesh.sectors[at].parent;
-        if parent != NONE {
-            own[at] = plus(own[at], own[parent as usize]);
-        }
-    }
-    let mut above = vec![T::default(); mesh.elements.len()];
-    for (root, &sector) in mesh.side_sector.iter().enumerate().filter(|(_, sector)| **sector != NONE) {
-        above[root] = own[sector as usize];
-    }
-    above
 }
 
 /// Sets the areas of all sector nodes from the roots below.

@@ -4,8 +4,6 @@
 //! Only partial links cast rays: stratified, weighted by the kernel, seeded by the pair of names, few
 //! first and more only while the outcome matters.
 
-use glam::DVec3;
-
 use super::cells::Cells;
 use super::form_factor;
 use super::oracle::Verdict;
@@ -13,8 +11,8 @@ use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::geom::sequence::{Sequence, mix};
 use crate::model::links::Visibility;
+use crate::rays::RayScene;
 use crate::rays::node::Node;
-use crate::rays::region::{Cuts, Region};
 use crate::rays::shaft::{Blockers, Contents, ShaftEnd};
 
 /// A link's numbers.
@@ -28,21 +26,6 @@ pub struct Sight {
     pub uncertainty: f64,
     /// What is known of the visibility.
     pub class: Visibility,
-}
-
-impl Sight {
-    /// The same without light: a spread without a form factor tells how much was left out.
-    #[must_use]
-    pub fn without_light(self) -> Self {
-        let most = (self.form_factor + self.uncertainty).max(self.withheld());
-        Self { form_factor: 0.0, spread: most, uncertainty: 0.0, class: Visibility::Partial }
-    }
-
-    /// The form factor that was left out, 0 if none was.
-    #[must_use]
-    pub fn withheld(&self) -> f64 {
-        if self.form_factor + self.uncertainty == 0.0 { self.spread } else { 0.0 }
-    }
 }
 
 /// What a pair of nodes knows of what lies between them, and so between all below.
@@ -70,8 +53,6 @@ pub struct Care {
     pub allowed: f64,
     /// Whether the receiver may be split instead of casting more rays.
     pub can_split: bool,
-    /// Whether the source stands for one region whatever its size.
-    pub one_region_source: bool,
     /// From `--seed`.
     pub seed: u64,
     /// Places to try whatever they tell; as many as matter if none.
@@ -93,7 +74,7 @@ const LARGEST_DOUBT: f64 = 0.002;
 const FIRST_RAYS: u64 = 8;
 const MOST_RAYS: u64 = 256;
 
-/// Most places that are tried for a ray: some lie in another part of the receiver, or see the source from behind.
+/// Most places that are tried for a ray: some see the source from behind.
 const TRIES_PER_RAY: u64 = 4;
 
 /// Coarsest tolerance of an unoccluded form factor: rows of some hundred links then close to 1e-3.
@@ -120,7 +101,7 @@ const FRESH: u64 = 0x6672_6573_6800_0000;
 /// as many others.
 #[must_use]
 pub fn look<'a>(
-    cuts: &Cuts<'a>,
+    scene: &RayScene<'a>,
     r: &Node,
     s: &Node,
     known: &Known<'a>,
@@ -128,7 +109,6 @@ pub fn look<'a>(
     judge: &dyn Fn(&Sight) -> Verdict,
     rays: &mut u64,
 ) -> Option<Look<'a>> {
-    let scene = cuts.scene();
     if !r.faces(s, scene.snap_m()) {
         return None;
     }
@@ -141,38 +121,32 @@ pub fn look<'a>(
     let open = form_factor::average(&r.shape, r.normal, &s.shape, s.normal, tolerance);
     let spread = (open.high - open.mean).max(open.mean - open.low);
     let clear = Sight { form_factor: open.mean, spread, uncertainty: open.error, class: Visibility::Visible };
-    let s_region = if care.one_region_source { cuts.region(s) } else { smallest_region(cuts, s) };
-    let regions = [smallest_region(cuts, r), s_region];
-    let mut counted = |blockers: Blockers<'a>| {
-        let (sight, verdict) = judged(care, judge, |care| sample(cuts, [r, s], &clear, regions, care, &blockers, rays));
-        Look { sight, blockers, verdict }
-    };
-    if regions.iter().any(Option::is_some) {
-        return Some(counted(known.blockers.clone()));
-    }
     if known.class == Visibility::Visible {
         return Some(certain(clear));
     }
-    match contents(cuts, r, s, &known.blockers)? {
+    match contents(scene, r, s, &known.blockers)? {
         Contents::Nothing => Some(certain(clear)),
         Contents::Wall => Some(certain(nothing)),
-        Contents::Something(blockers) => Some(counted(blockers)),
+        Contents::Something(blockers) => {
+            let (sight, verdict) = judged(care, judge, |care| sample(scene, [r, s], &clear, care, &blockers, rays));
+            Some(Look { sight, blockers, verdict })
+        }
     }
 }
 
 /// What lies between those parts of two elements that face each other; `None` if none do.
-fn contents<'a>(cuts: &Cuts<'a>, r: &Node, s: &Node, known: &Blockers<'a>) -> Option<Contents<'a>> {
+fn contents<'a>(scene: &RayScene<'a>, r: &Node, s: &Node, known: &Blockers<'a>) -> Option<Contents<'a>> {
     let (seen, seeing) = parts_that_face(r, s)?;
     let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
-    Some(cuts.scene().shaft(ends[0], ends[1], known))
+    Some(scene.shaft(ends[0], ends[1], known))
 }
 
 /// Whether nothing lies between two elements: `false` where that is not proved.
 #[must_use]
-pub fn sees_whole(cuts: &Cuts<'_>, r: &Node, s: &Node) -> bool {
+pub fn sees_whole(scene: &RayScene<'_>, r: &Node, s: &Node) -> bool {
     parts_that_face(r, s).is_some_and(|(seen, seeing)| {
         let ends = [ShaftEnd { shape: &seeing, end: r.end }, ShaftEnd { shape: &seen, end: s.end }];
-        cuts.scene().is_free(ends[0], ends[1])
+        scene.is_free(ends[0], ends[1])
     })
 }
 
@@ -196,12 +170,6 @@ pub(super) fn judged(
     (sample(Care { seed: care.seed ^ FRESH, tries: Some(tries), ..care }).0, verdict)
 }
 
-/// The part that stands for an element too short to be split; `None` for larger ones, and if nothing cuts it.
-#[must_use]
-pub fn smallest_region(cuts: &Cuts<'_>, node: &Node) -> Option<Region> {
-    if node.is_smallest(cuts.min_element_m()) { cuts.region(node) } else { None }
-}
-
 /// Share that n agreeing rays may have missed, times n: a quarter of what they are expected to.
 pub const UNANIMOUS: f64 = 0.15;
 
@@ -214,8 +182,6 @@ pub(super) struct Tally {
     quarter_weight: [f64; 4],
     quarter_visible: [f64; 4],
     cast: u64,
-    /// Unoccluded form factor at places of the part that stands for the receiver, where that is not all of it.
-    open: Option<Mean>,
 }
 
 impl Tally {
@@ -273,81 +239,50 @@ impl Mean {
         self.squares += value * value;
     }
 
-    pub(super) fn mean(&self) -> f64 {
-        self.sum / self.count.max(1.0)
-    }
-
     /// Variance of the sum.
     pub(super) fn sum_variance(&self) -> f64 {
         (self.squares - self.sum * self.sum / self.count.max(1.0)).max(0.0)
-    }
-
-    /// Standard error of the mean.
-    pub(super) fn error(&self) -> f64 {
-        let variance = self.squares / self.count.max(1.0) - self.mean() * self.mean();
-        (variance.max(0.0) / self.count.max(1.0)).sqrt()
     }
 }
 
 /// A sight by rays, and how many places were tried.
 fn sample(
-    cuts: &Cuts<'_>,
+    scene: &RayScene<'_>,
     [r, s]: [&Node; 2],
     clear: &Sight,
-    [r_region, s_region]: [Option<Region>; 2],
     care: Care,
     blockers: &Blockers<'_>,
     rays: &mut u64,
 ) -> (Sight, u64) {
-    let scene = cuts.scene();
-    let inside = |region: &Option<Region>, point: DVec3| region.as_ref().is_none_or(|g| g.holds(scene, point));
     let quarters: [_; 4] = std::array::from_fn(|q| quadtree::quarter(&r.shape, q as u32));
     let cells = Cells::new(r, s);
-    let s_is_smallest = s.is_smallest(cuts.min_element_m());
     let (low, high) = (r.name.min(s.name), r.name.max(s.name));
     let sequence = Sequence::new(mix(care.seed ^ mix(low.0)) ^ high.0);
     // Bounds the kernel in contact, where a few rays would else outweigh all others.
     let softening = 2e-3 * s.shape.area() / cells.count() as f64;
-    let open = r_region.is_some().then(Mean::default);
-    cast(care, clear, open, |index, tally| {
+    cast(care, clear, |index, tally| {
         let [a, b, c, d] = sequence.point(index);
         let quarter = (index % 4) as usize;
         let from = quarters[quarter].point(a, b);
         let (to, density) = cells.draw(r, s, from, [c, d]);
-        if !inside(&r_region, from) {
-            return;
-        }
-        if let Some(open) = &mut tally.open {
-            open.add(form_factor::at_point(from, r.normal, &s.shape, s.normal));
-        }
         let along = to - from;
         let (cos_r, cos_s) = (r.normal.dot(along), -s.normal.dot(along));
         if cos_r <= 0.0 || cos_s <= 0.0 {
             return;
         }
-        let holds = inside(&s_region, to);
-        // The parts of a small source stand for one another on average, those of a large one do not.
-        if !holds && s_is_smallest {
-            return;
-        }
         let distance_squared = along.length_squared();
         let weight = cos_r * cos_s / (distance_squared * (distance_squared + softening) * density);
         *rays += 1;
-        let visible = holds && !scene.blocked(from, to, &r.end, &s.end, blockers);
+        let visible = !scene.blocked(from, to, &r.end, &s.end, blockers);
         tally.add(quarter, weight, visible);
     })
 }
 
 /// Casts rays by `ray` (given the number of the try), more of them while that matters: a sight, and how many places
-/// were tried. Where `open` is given, `ray` measures the unoccluded form factor too.
-pub(super) fn cast(
-    care: Care,
-    clear: &Sight,
-    open: Option<Mean>,
-    mut ray: impl FnMut(u64, &mut Tally),
-) -> (Sight, u64) {
+/// were tried.
+pub(super) fn cast(care: Care, clear: &Sight, mut ray: impl FnMut(u64, &mut Tally)) -> (Sight, u64) {
     let allowed = (care.allowed * clear.form_factor.sqrt()).min(LARGEST_DOUBT);
-    let mut tally = Tally { open, ..Tally::default() };
+    let mut tally = Tally::default();
     let mut target = if care.tries.is_some() { u64::MAX } else { FIRST_RAYS };
     let mut tries = 0;
     loop {
@@ -356,10 +291,7 @@ pub(super) fn cast(
             ray(tries, &mut tally);
             tries += 1;
         }
-        // The mean over the whole receiver is not that over its part: beside the wall that cuts it the
-        // wall itself fills half the view.
-        let whole = (clear.form_factor, clear.uncertainty);
-        let (unoccluded, its_error) = tally.open.as_ref().map_or(whole, |open| (open.mean(), open.error()));
+        let (unoccluded, its_error) = (clear.form_factor, clear.uncertainty);
         let share = tally.share();
         let doubt = unoccluded * tally.error();
         let mixed = share > 0.0 && share < 1.0;

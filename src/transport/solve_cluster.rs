@@ -1,13 +1,12 @@
-//! One cluster's share of a visit: its links are brought up to date with the light of the version, leaves that see
-//! nothing lit are told from others, and its rows are closed. No I/O: the program gives what is stored, tests in
+//! One cluster's share of a visit: its links are brought up to date with the light of the version, and
+//! its rows are closed. No I/O: the program gives what is stored, tests in
 //! memory what they hold.
 
-use super::closure::{self, Closed, Row};
+use super::closure::{self, Row};
 use super::link_rows::Link;
 use super::mesh::Mesh;
 use super::push_pull::{self, Factors};
 use super::refine::{Context, Counts, Receiver, Scope};
-use super::seal::{self, Sealed};
 use super::source::ClusterView;
 use crate::base::{ClusterId, NodeName, Result};
 use crate::model::links::LeafClosure;
@@ -47,12 +46,8 @@ pub struct SolvedCluster {
     pub closure: Vec<LeafClosure>,
     /// What each node's light is multiplied by: see [`push_pull::factors`].
     pub factors: Vec<Factors>,
-    /// See [`Closed`].
-    pub dark_shares: Vec<f32>,
     /// Whether rows or closure differ from what was stored.
     pub stored_changed: bool,
-    /// See [`crate::model::light::LightHead`].
-    pub seen: u32,
     /// What was done.
     pub counts: Counts,
 }
@@ -72,12 +67,8 @@ pub fn solve_cluster(context: &Context<'_>, cluster: Unsolved<'_>) -> Result<Sol
     };
     let mut receiver = Receiver::new(view, mesh, rows);
     receiver.refine(context, &visible)?;
-    let was_sealed = |leaf: NodeName| known(leaf).is_some_and(closure::is_sealed);
-    let Sealed { leaves: sealed, seen } = receiver.sealed_leaves(context, &visible, was_sealed)?;
     let Receiver { mesh, rows, changed, mut counts, .. } = receiver;
-    let lift = seal::lift(&mesh, |leaf| sealed.contains(&leaf));
     let emits = |leaf: NodeName| view.emits(leaf);
-    let is_dark = |name: NodeName| context.sources.is_dark(context.clusters, name);
     let complete = context.scope == Scope::Everything;
     let measured = |leaf: NodeName| {
         let escape_rays = closure::escape_rays(emits(leaf));
@@ -85,15 +76,14 @@ pub fn solve_cluster(context: &Context<'_>, cluster: Unsolved<'_>) -> Result<Sol
             Some(stored) => f64::from(stored.measured_escape),
             None if found.escape > 0.0 => {
                 let node = Node::at(view.id, &view.geometry.patches[usize::from(leaf.patch_side().patch)], leaf);
-                closure::measure_escape(context.cuts.scene(), &node, escape_rays, context.seed, &mut counts.rays)
+                closure::measure_escape(&context.scene, &node, escape_rays, context.seed, &mut counts.rays)
             }
             None => 0.0,
         };
-        let (unseen, sealed) = (f64::from(found.missing), sealed.contains(&leaf));
-        Row { escape, escape_rays, unseen, complete, sealed, ..Row::default() }
+        Row { escape, escape_rays, unseen: f64::from(found.missing), complete, ..Row::default() }
     };
-    let Closed { leaves: closure, dark_shares } = closure::rows(&mesh, &rows, &lift, emits, is_dark, measured)?;
-    let factors = push_pull::factors(&mesh, lift, &closure);
+    let closure = closure::rows(&mesh, &rows, emits, measured);
+    let factors = push_pull::factors(&mesh, &closure);
     let stored_changed = closure != stored.closure || changed.contains(&true);
-    Ok(SolvedCluster { mesh, rows, changed, closure, factors, dark_shares, stored_changed, seen, counts })
+    Ok(SolvedCluster { mesh, rows, changed, closure, factors, stored_changed, counts })
 }

@@ -4,6 +4,7 @@ use std::rc::Rc;
 
 use glam::DVec3;
 
+use crate::base::name::MAX_DEPTH;
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::quadtree;
 use crate::model::geometry::{GeometryView, SideMaterial};
@@ -64,6 +65,19 @@ impl ClusterView<'_> {
             node = node.child(quadtree::child_at(&node.shape, point));
         }
         node
+    }
+
+    /// The element at a place of a patch side that is as small as elements get, `min_element_m` or as stored: what is
+    /// divided later is seen where it was met.
+    #[must_use]
+    pub fn smallest_at(&self, at: PatchSide, place: DVec3, min_element_m: f64) -> Node {
+        let mut element = Node::root(self.id, &self.geometry.patches[usize::from(at.patch)], at);
+        while element.name.depth() < MAX_DEPTH
+            && (!element.is_smallest(min_element_m) || self.light.has_children(element.name))
+        {
+            element = element.child(quadtree::child_at(&element.shape, place));
+        }
+        element
     }
 
     /// Whether the side that an element lies on emits; sector nodes are sources where all of their sides do.

@@ -32,9 +32,4 @@ impl SourceMemo {
         self.0.put(name, found);
         Ok(found)
     }
-
-    /// Whether no light leaves a source.
-    pub fn is_dark(&self, clusters: &dyn Clusters, name: NodeName) -> Result<bool> {
-        Ok(self.source(clusters, name)?.light.radiosity.is_black())
-    }
 }

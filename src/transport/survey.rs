@@ -6,29 +6,26 @@
 //! element at the place that was met, named whether stored or not: what is divided later is seen where it was
 //! met. Sides that are seen whole are linked pair by pair instead.
 //!
-//! A survey begins at the sector nodes at the top of a cluster. A node is split where what arrives differs from
-//! quarter to quarter, and more rays are cast while noise matters. The rays that decide so do not count: see
+//! A survey begins at patch sides. An element is split where what arrives differs from quarter to quarter, and more rays
+//! are cast while noise matters. The rays that decide so do not count: see
 //! [`super::sight::look`].
 
 use std::collections::HashSet;
 
 use glam::DVec3;
 
-use super::bundle::{Bundle, Starts};
+use super::bundle::Starts;
 use super::lamp_survey;
 use super::link_rows::Link;
-use super::met::{answer, weights};
-use super::oracle::Tolerances;
 use super::refine::{Context, Receiver, node as node_of};
-use super::sight::{Known, sees_whole, smallest_region};
-use super::survey_row::{Worth, counted_error, mean, pack_quarters, worth};
-use super::survey_verdict::{DARK, Verdict, is_uneven};
+use super::sight::{Known, sees_whole};
+use super::survey_row::{counted_error, mean, pack_quarters, worth};
+use super::survey_verdict::{Verdict, can_resolve, verdict};
 use crate::base::{ClusterId, Error, NodeName, PatchSide, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::model::geometry::NONE;
 use crate::model::links::Visibility;
 use crate::rays::node::Node;
-use crate::rays::region::Region;
 use crate::rays::traverse::Nearest;
 
 /// Rays of a node, first and at most.
@@ -42,8 +39,6 @@ struct Met {
     cluster: ClusterId,
     side: PatchSide,
     point: DVec3,
-    /// Just above where the ray began.
-    from: DVec3,
     /// Whether it is closer than half of the receiver's size.
     is_near: bool,
     quarter: usize,
@@ -64,70 +59,48 @@ pub(super) type Lit = Vec<(Link, Rgb)>;
 impl Receiver<'_> {
     /// Surveys what has not been.
     pub(super) fn survey_all(&mut self, context: &Context<'_>) -> Result<()> {
-        for name in self.tops_without(is_mark) {
-            let r = Bundle::of(context.sides, &self.view, name);
-            self.survey(context, &r, &[])?;
+        for name in self.sides_without(is_mark) {
+            self.survey(context, &node_of(&self.view, name), &[])?;
         }
         Ok(())
     }
 
-    /// The sector nodes at the top that hold no row with such a mark.
-    pub(super) fn tops_without(&self, is_mark: impl Fn(&Link) -> bool) -> Vec<NodeName> {
-        let mut done = vec![false; self.mesh.sectors.len()];
-        for position in 0..self.mesh.node_count() {
-            if self.rows[position].iter().any(&is_mark) {
-                let mut at = match position.checked_sub(self.mesh.sectors.len()) {
-                    Some(element) => self.mesh.side_sector[self.mesh.elements[element].name.patch_side().index()],
-                    None => position as u32,
-                };
-                while at != NONE && !std::mem::replace(&mut done[at as usize], true) {
-                    at = self.mesh.sectors[at as usize].parent;
-                }
-            }
+    /// Sides none of whose elements holds a row with such a mark.
+    pub(super) fn sides_without(&self, is_mark: impl Fn(&Link) -> bool) -> Vec<NodeName> {
+        let mut done = vec![false; 2 * self.view.geometry.patches.len()];
+        for (element, row) in self.mesh.elements.iter().zip(&self.rows[self.mesh.sectors.len()..]) {
+            done[element.name.patch_side().index()] |= row.iter().any(&is_mark);
         }
-        let tops = self.mesh.sectors.iter().zip(done).filter(|(sector, done)| !done && sector.parent == NONE);
-        tops.map(|(sector, _)| sector.name).collect()
+        let open = (0..done.len()).filter(|&side| !done[side] && self.view.takes_part(side));
+        open.map(|side| NodeName::root(self.view.id, PatchSide::from_index(side))).collect()
     }
 
-    /// Surveys a node, or those below it; `whole` are patch sides that it is known to see whole.
-    fn survey(&mut self, context: &Context<'_>, r: &Bundle, whole: &[NodeName]) -> Result<()> {
+    /// Surveys an element, or those below it; `whole` are patch sides that it is known to see whole.
+    fn survey(&mut self, context: &Context<'_>, r: &Node, whole: &[NodeName]) -> Result<()> {
         if context.progress.interrupted() {
             return Err(Error::Interrupted);
         }
-        if is_uneven(r, context.tolerances.min_element_m) {
-            return self.survey_below(context, r, whole);
-        }
-        let region = r.as_element().and_then(|n| smallest_region(context.cuts, n));
-        // Parts that lamps told apart are not what one of them stands for.
-        if region.is_some() && !self.mesh.elements[self.mesh.nearest(r.name)].is_leaf() {
-            return self.survey_below(context, r, whole);
-        }
         let mut whole = whole.to_vec();
-        let pilot = self.cast(context, r, region.as_ref(), RAYS.0, PILOT);
-        if let (Some(node), None) = (r.as_element(), &region) {
-            self.link_whole(context, node, &pilot, &mut whole)?;
-        }
+        let pilot = self.cast(context, r, RAYS.0, PILOT);
+        self.link_whole(context, r, &pilot, &mut whole)?;
         let mut looked = Lit::new();
         let near = add_counted(context, &pilot, &whole, &mut looked)?;
         let mean = mean(&looked);
         let mut worth = worth(&looked, mean);
         let unresolved = unresolved(&looked, &near, mean);
         worth.gradient = worth.gradient.max(worth.irradiance * pilot.uneven_cover());
-        // An element that stands for a part of itself is not divided: its quarters would stand for others.
-        if region.is_none() && self.can_resolve(context, r, unresolved) {
+        if can_resolve(context, r, unresolved) {
             return self.survey_below(context, r, &whole);
         }
-        let straddles = r.as_element().is_none() && is_partly_dark(&looked, &worth, &pilot, &context.tolerances);
-        match self.verdict(context, r, &worth, context.tolerances.min_element_m) {
-            Verdict::Keep(_) if straddles => self.survey_below(context, r, &whole),
+        match verdict(context, r, &worth, context.tolerances.min_element_m) {
             Verdict::Split => self.survey_below(context, r, &whole),
             Verdict::Keep(rays) => {
                 let rays = rays.min(RAYS.1);
-                let cast = self.cast(context, r, region.as_ref(), rays, FINAL);
+                let cast = self.cast(context, r, rays, FINAL);
                 let mut row = Lit::new();
                 add_counted(context, &cast, &whole, &mut row)?;
                 self.counts.evaluated += row.len() as u64;
-                self.keep_row(context, r, mark(r.name, rays), row, &looked);
+                self.keep_row(mark(r.name, rays), row, &looked);
                 Ok(())
             }
         }
@@ -142,7 +115,7 @@ impl Receiver<'_> {
                 continue;
             }
             let s = node_of(&view, root);
-            if sees_whole(context.cuts, r, &s) {
+            if sees_whole(&context.scene, r, &s) {
                 self.link(context, &view, self.mesh.nearest(r.name), r, &s, &Known::stored(Visibility::Visible));
                 whole.push(root);
             }
@@ -152,34 +125,17 @@ impl Receiver<'_> {
     }
 
     /// Keeps a row with its mark, and with it, carrying nothing, what the rays met that decided.
-    pub(super) fn keep_row(&mut self, context: &Context<'_>, r: &Bundle, mark: Link, row: Lit, pilot: &[(Link, Rgb)]) {
-        let position = self.mesh.position(r.name);
+    pub(super) fn keep_row(&mut self, mark: Link, row: Lit, pilot: &[(Link, Rgb)]) {
+        let position = self.mesh.position(mark.source);
         self.changed[position] = true;
-        let is_empty = row.is_empty();
         self.rows[position].push(mark);
         self.rows[position].extend(row.into_iter().map(|(link, _)| link));
         self.rows[position].extend(pilot.iter().map(|(link, _)| as_pilot(link)));
-        if is_empty {
-            return;
-        }
-        for side in r.sides() {
-            self.split_along_cuts(context, self.mesh.nearest(side.node.name), &side.node);
-        }
     }
 
-    fn survey_below(&mut self, context: &Context<'_>, r: &Bundle, whole: &[NodeName]) -> Result<()> {
-        for name in self.divide(r) {
-            self.survey(context, &Bundle::of(context.sides, &self.view, name), whole)?;
-        }
-        Ok(())
-    }
-
-    /// Names of the nodes below, which an element is given.
-    pub(super) fn divide(&mut self, r: &Bundle) -> Vec<NodeName> {
-        if r.as_element().is_some() {
-            self.split(self.mesh.nearest(r.name));
-        }
-        r.children(&self.view)
+    fn survey_below(&mut self, context: &Context<'_>, r: &Node, whole: &[NodeName]) -> Result<()> {
+        self.split(self.mesh.nearest(r.name));
+        (0..4).try_for_each(|quarter| self.survey(context, &r.child(quarter), whole))
     }
 
     /// Whether a stored row still holds; one that does not is made anew.
@@ -198,10 +154,9 @@ impl Receiver<'_> {
                 pilot.push((of_pilot(link), source.light.radiosity));
             }
         }
-        let own = self.view;
-        let r = Bundle::of(context.sides, &own, self.mesh.name_at(position));
+        let r = node_of(&self.view, self.mesh.name_at(position));
         let worth = worth(&pilot, mean(&pilot));
-        let verdict = self.verdict(context, &r, &worth, context.tolerances.min_element_m);
+        let verdict = verdict(context, &r, &worth, context.tolerances.min_element_m);
         if matches!(verdict, Verdict::Keep(wanted) if wanted.min(RAYS.1) <= rays) {
             return Ok(true);
         }
@@ -210,9 +165,9 @@ impl Receiver<'_> {
         Ok(false)
     }
 
-    /// Sides that a node with a surveyed row, or those below it, are linked to pair by pair; `row` is its own.
+    /// Sides that an element with a surveyed row, or those below it, are linked to pair by pair; `row` is its own.
     fn linked_whole(&self, position: usize, row: &[Link]) -> Vec<NodeName> {
-        let Some(element) = position.checked_sub(self.mesh.sectors.len()) else { return Vec::new() };
+        let element = position - self.mesh.sectors.len();
         let mut whole = HashSet::new();
         let mut add = |row: &[Link]| {
             let pairs = row.iter().filter(|link| link.class != Visibility::Surveyed && !link.source.is_sector());
@@ -237,25 +192,21 @@ impl Receiver<'_> {
         whole
     }
 
-    /// Casts `target` rays from a node.
-    fn cast(&mut self, context: &Context<'_>, r: &Bundle, region: Option<&Region>, target: u64, salt: u64) -> Cast {
+    /// Casts `target` rays from the open part of an element, if there is any.
+    fn cast(&mut self, context: &Context<'_>, r: &Node, target: u64, salt: u64) -> Cast {
         let mut cast = Cast { met: Vec::new(), open: [0; 4], covered: [0; 4] };
         let mut index = 0;
-        let scene = context.cuts.scene();
         let sequence = Sequence::new(mix(context.seed ^ mix(r.name.0)) ^ salt);
-        let size_m = r.as_element().map_or(r.radius_m, |n| n.shape.longest_edge());
+        let size_m = r.shape.longest_edge();
         let starts = Starts::new(r);
         while cast.rays() < target && index < 4 * target {
             let [a, b, c, d] = sequence.point(index);
             let quarter = (index % 4) as usize;
             index += 1;
-            let (_, side, from) = starts.draw(quarter, [a, b]);
-            if region.is_some_and(|region| !region.holds(scene, from)) {
-                continue;
-            }
-            let direction = cosine_direction(side.node.normal, c, d);
+            let from = starts.draw(quarter, [a, b]);
+            let direction = cosine_direction(r.normal, c, d);
             self.counts.rays += 1;
-            let hit = match scene.nearest(from, direction, Some(&side.node.end)) {
+            let hit = match context.scene.nearest(from, direction, Some(&r.end)) {
                 Nearest::Met(hit) => hit,
                 Nearest::Escaped => {
                     cast.open[quarter] += 1;
@@ -271,7 +222,6 @@ impl Receiver<'_> {
                 cluster: ClusterId(hit.key.cluster),
                 side: hit.side(),
                 point: from + direction * hit.t,
-                from: context.cuts.above(from, side.node.normal),
                 is_near: hit.t < 0.5 * size_m,
                 quarter,
             });
@@ -329,14 +279,6 @@ fn sides_met(cast: &Cast) -> Vec<NodeName> {
     runs.into_iter().map(|(_, root)| root).collect()
 }
 
-/// Whether most rays of a node meet darkness and the others do not: some of its sides may be sealed, and what
-/// arrives at the others would be lost in the mean.
-fn is_partly_dark(row: &Lit, worth: &Worth, cast: &Cast, tolerances: &Tolerances) -> bool {
-    let lit: f64 = row.iter().filter(|(_, b)| !b.is_black()).map(|(link, _)| f64::from(link.form_factor)).sum();
-    let escaped = 1.0 - cast.met.len() as f64 / cast.rays().max(1) as f64;
-    lit > 0.0 && lit < 0.5 * (1.0 - escaped) && worth.irradiance > DARK * tolerances.row_w_m2
-}
-
 /// What a receiver's mean hides: parts of it that something close by shades from what the others see, W/m2. They
 /// may be spread evenly over its quarters.
 fn unresolved(row: &[(Link, Rgb)], near: &[f64], mean: Rgb) -> f64 {
@@ -349,26 +291,19 @@ fn unresolved(row: &[(Link, Rgb)], near: &[f64], mean: Rgb) -> f64 {
 fn add_counted(context: &Context<'_>, cast: &Cast, whole: &[NodeName], row: &mut Lit) -> Result<Vec<f64>> {
     let rays = cast.rays() as f64;
     let mut near = Vec::new();
-    let (mut counted, mut kinds) = (Vec::new(), Vec::new());
+    let mut met: Vec<(NodeName, &Met)> = Vec::new();
     for m in &cast.met {
         let loaded = context.clusters.cluster(m.cluster)?;
         let view = loaded.view();
         let root = NodeName::root(m.cluster, m.side);
         if !view.emits(root) && whole.binary_search(&root).is_err() {
-            let found = answer(context.cuts, &view, m.side, m.from, m.point);
-            kinds.push((m.cluster, found.kind()));
-            counted.push((found.element.map(|element| element.name), m));
+            met.push((view.smallest_at(m.side, m.point, context.tolerances.min_element_m).name, m));
         }
     }
-    let mut met: Vec<(NodeName, &Met, f64)> = (counted.into_iter().zip(weights(&kinds)))
-        .filter_map(|((source, m), weight)| Some((source?, m, weight)))
-        .collect();
-    met.sort_by_key(|(name, ..)| *name);
+    met.sort_by_key(|(name, _)| *name);
     for run in met.chunk_by(|a, b| a.0 == b.0) {
         let source = run[0].0;
-        let count = |counts: &dyn Fn(&Met) -> bool| -> f64 {
-            run.iter().filter(|(_, m, _)| counts(m)).map(|(.., weight)| weight).sum()
-        };
+        let count = |counts: &dyn Fn(&Met) -> bool| run.iter().filter(|(_, m)| counts(m)).count() as f64;
         let all = count(&|_| true);
         let share = all / rays;
         let relative = std::array::from_fn(|q| count(&|m| m.quarter == q) * rays / cast.open[q].max(1) as f64 / all);

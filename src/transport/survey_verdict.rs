@@ -1,24 +1,18 @@
-//! What becomes of a node that is surveyed: split, or kept with so many rays.
+//! What becomes of an element that is surveyed: split, or kept with so many rays.
 
-use super::bundle::{Bundle, Side};
 use super::oracle::Tolerances;
-use super::refine::{Context, Receiver};
+use super::refine::Context;
 use super::survey::RAYS;
 use super::survey_row::Worth;
 use crate::base::name::MAX_DEPTH;
+use crate::rays::node::Node;
 
 /// Share of the error that a row may carry which noise may make up.
 const NOISE_SHARE: f64 = 0.5;
 
-/// Edge, in smallest elements, of a node beyond which noise must fall as area grows: else few large nodes, seeing
+/// Edge, in smallest elements, of an element beyond which noise must fall as area grows: else few large ones, seeing
 /// little, would carry most of the error of all power.
 const LARGE: f64 = 8.0;
-
-/// Share of a row's error below which what arrives does not matter, though all of it may go to few sides.
-pub(super) const DARK: f64 = 1e-3;
-
-/// Difference of a quarter from the mean, relative to it, beyond which two sides of a wall are told apart.
-const UNEQUAL: f64 = 0.5;
 
 /// Share of the smallest element's edge down to which what is close by is resolved.
 const NEAR_FLOOR: f64 = 0.25;
@@ -30,7 +24,7 @@ const GOT_AND_SENT: f64 = 2.0;
 /// Width of a strip, in smallest elements, beyond which its quarters would be more for its width than for its length.
 const NARROW: f64 = 0.25;
 
-/// What is to be done with a node.
+/// What is to be done with an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     /// Keep a row; so many rays would be enough.
@@ -38,48 +32,36 @@ pub(super) enum Verdict {
     Split,
 }
 
-impl Receiver<'_> {
-    /// Whether a node is to be split for what is close by, when its mean hides so much of it (W/m2).
-    pub(super) fn can_resolve(&self, context: &Context<'_>, r: &Bundle, unresolved: f64) -> bool {
-        let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
-        hides_much(&context.tolerances, r.area_m2, unresolved) && can_divide(r, floor_m)
-    }
+/// Whether an element is to be split for what is close by, when its mean hides so much of it (W/m2).
+pub(super) fn can_resolve(context: &Context<'_>, r: &Node, unresolved: f64) -> bool {
+    let floor_m = NEAR_FLOOR * context.tolerances.min_element_m;
+    hides_much(&context.tolerances, r.shape.area(), unresolved) && can_divide(r, floor_m)
+}
 
-    /// Verdict on a node that may be divided down to elements of `smallest_m`.
-    pub(super) fn verdict(&self, context: &Context<'_>, r: &Bundle, worth: &Worth, smallest_m: f64) -> Verdict {
-        let tolerances = &context.tolerances;
-        let floor_m2 = tolerances.min_element_m * tolerances.min_element_m;
-        let matters = |error: f64| {
-            let excess = error / tolerances.row_w_m2;
-            excess > 1.0 && excess * r.area_m2 > floor_m2
-        };
-        if can_divide(r, smallest_m) && matters(worth.gradient) || self.straddles(context, r, worth) {
-            return Verdict::Split;
-        }
-        let size = r.area_m2 / (LARGE * LARGE * floor_m2);
-        let noise = worth.noise / NOISE_SHARE * size.sqrt().max(1.0);
-        if !matters(noise) {
-            return Verdict::Keep(RAYS.0);
-        }
-        let excess = noise / tolerances.row_w_m2;
-        let wanted = ((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two();
-        // The few rays that decide see little of what is small and bright: where many are wanted, more are.
-        if size > 1.0 && wanted > RAYS.1 / 4 && can_divide(r, smallest_m) {
-            return Verdict::Split;
-        }
-        Verdict::Keep(wanted)
+/// Verdict on an element that may be divided down to elements of `smallest_m`.
+pub(super) fn verdict(context: &Context<'_>, r: &Node, worth: &Worth, smallest_m: f64) -> Verdict {
+    let tolerances = &context.tolerances;
+    let area_m2 = r.shape.area();
+    let floor_m2 = tolerances.min_element_m * tolerances.min_element_m;
+    let matters = |error: f64| {
+        let excess = error / tolerances.row_w_m2;
+        excess > 1.0 && excess * area_m2 > floor_m2
+    };
+    if can_divide(r, smallest_m) && matters(worth.gradient) {
+        return Verdict::Split;
     }
-
-    /// Whether a node may lie on both sides of a wall of which one gets far more than the other: little as that may be,
-    /// it is much for the other.
-    fn straddles(&self, context: &Context<'_>, r: &Bundle, worth: &Worth) -> bool {
-        let tolerances = &context.tolerances;
-        let is_unequal = worth.gradient > UNEQUAL * worth.irradiance;
-        is_unequal
-            && worth.irradiance > DARK * tolerances.row_w_m2
-            && can_divide(r, tolerances.min_element_m)
-            && r.as_element().is_none_or(|node| context.cuts.is_cut(node))
+    let size = area_m2 / (LARGE * LARGE * floor_m2);
+    let noise = worth.noise / NOISE_SHARE * size.sqrt().max(1.0);
+    if !matters(noise) {
+        return Verdict::Keep(RAYS.0);
     }
+    let excess = noise / tolerances.row_w_m2;
+    let wanted = ((RAYS.0 as f64 * excess * excess).ceil() as u64).next_power_of_two();
+    // The few rays that decide see little of what is small and bright: where many are wanted, more are.
+    if size > 1.0 && wanted > RAYS.1 / 4 && can_divide(r, smallest_m) {
+        return Verdict::Split;
+    }
+    Verdict::Keep(wanted)
 }
 
 /// Whether what a mean over so much area hides of what is close by (W/m2) matters.
@@ -89,18 +71,10 @@ fn hides_much(tolerances: &Tolerances, area_m2: f64, unresolved: f64) -> bool {
     excess > 1.0 && excess * area_m2 > floor_m * floor_m
 }
 
-/// Whether a node may be divided into elements no smaller than `smallest_m`.
-pub(super) fn can_divide(r: &Bundle, smallest_m: f64) -> bool {
+/// Whether an element may be divided into elements no smaller than `smallest_m`.
+pub(super) fn can_divide(r: &Node, smallest_m: f64) -> bool {
     let narrow_m = NARROW * smallest_m;
-    r.as_element()
-        .is_none_or(|n| n.name.depth() < MAX_DEPTH && !n.is_smallest(smallest_m) && r.area_m2 > narrow_m * narrow_m)
-}
-
-/// Whether a sector node's quarters do not tell where light differs over it: a quarter of its area is less than one
-/// of its sides, and that could be divided.
-pub(super) fn is_uneven(r: &Bundle, smallest_m: f64) -> bool {
-    let is_too_large = |side: &Side| side.area_m2 > 0.25 * r.area_m2 && !side.node.is_smallest(smallest_m);
-    r.as_element().is_none() && r.sides().iter().any(is_too_large)
+    r.name.depth() < MAX_DEPTH && !r.is_smallest(smallest_m) && r.shape.area() > narrow_m * narrow_m
 }
 
 #[cfg(test)]

@@ -88,9 +88,9 @@ fn bound(link: &Link) -> f64 {
     3.0 * f64::from(link.uncertainty) + 2e-4
 }
 
-/// Expects row sums, before closing, of 1: within 1e-3 on average, 1e-2 for every patch, and never above
-/// 1 + 1e-3. A patch's sum is the mean over its leaves.
-fn expect_rows_of_one(models: &[&str], limit: f64) {
+/// Expects row sums, before closing, of 1: within `limit` on average, 1e-2 for every patch, and never above 1 + `over`.
+/// A patch's sum is the mean over its leaves.
+fn expect_rows_of_one(models: &[&str], limit: f64, over: f64) {
     let mut wrong = Wrong::default();
     for model in models {
         let sums: Vec<f64> = Links::of(&solve(model, &[]))
@@ -106,20 +106,21 @@ fn expect_rows_of_one(models: &[&str], limit: f64) {
         let largest = sums.iter().copied().fold(0.0, f64::max);
         wrong.at_most(average, limit, || format!("{model}: off by {average} on average"));
         wrong.at_most(furthest, 1e-2, || format!("{model}: off by up to {furthest}"));
-        wrong.at_most(largest - 1.0, limit, || format!("{model}: up to {largest}"));
+        wrong.at_most(largest - 1.0, over, || format!("{model}: up to {largest}"));
     }
     wrong.assert_none();
 }
 
 #[test]
 fn the_rows_of_closed_scenes_sum_to_one_before_they_are_closed() {
-    expect_rows_of_one(&["closed_cube", "corridor", "mean_value_cube"], 1e-3);
+    expect_rows_of_one(&["closed_cube", "corridor", "mean_value_cube"], 1e-3, 1e-3);
 }
 
-/// Visibility past walls is sampled: rows are off by up to twice as much, until they are closed.
+/// Visibility past walls is sampled: rows are off by up to twice as much, those of small parts of a face by more, until
+/// they are closed.
 #[test]
 fn rows_past_walls_sum_to_one_before_they_are_closed() {
-    expect_rows_of_one(&["two_zone", "leak_abutting"], 2e-3);
+    expect_rows_of_one(&["two_zone", "leak_abutting"], 2e-3, 1e-2);
 }
 
 /// F <= min(1, A_source / A_receiver), each link by no more than its own bounds; and where two elements

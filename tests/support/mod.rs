@@ -43,6 +43,8 @@ pub fn options(store: &Path, model: &Path) -> ingest::Options {
         materials: None,
         emit_both: false,
         max_cluster_patches: 64,
+        contact_m: 0.01,
+        least_contact_m: 0.05,
         snap_m: None,
         memory: MemoryBudget::DEFAULT,
         fresh: false,

@@ -2,12 +2,13 @@
 
 use bytemuck::Zeroable;
 use clerestory::base::{ClusterId, NodeName, PatchSide};
+use clerestory::model::cut::CutNode;
 use clerestory::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode};
 use clerestory::model::layout::ArraysBuilder;
 use clerestory::model::light::{ElementLight, LightHead, SectorLight};
 use clerestory::model::links::{LeafClosure, LinksHead, Visibility, pack};
 use clerestory::model::origin::{BakeCorner, PatchSource};
-use clerestory::model::rays::{ClusterRef, RayNode, RayPatch};
+use clerestory::model::rays::{ClusterRaysView, ClusterRef, Cuts, FaceCut, RayNode, RayPatch, WHOLE};
 use clerestory::model::visibility::{VisibilityHead, VisibleCluster};
 
 /// OBJ files.
@@ -39,12 +40,13 @@ pub const POINTS: &[&str] = &[
 
 fn patch(x: f32) -> PatchRecord {
     let corners_m = [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x + 1.0, 1.0, 0.0], [x, 1.0, 0.0]];
-    PatchRecord { corners_m, corner_count: 4, sides: 3, tree_node: 1 + x as u32, area_m2: 1.0, ..PatchRecord::zeroed() }
+    let (tree_node, face) = (1 + x as u16, 7 << 8);
+    PatchRecord { corners_m, corner_count: 4, sides: 3, tree_node, area_m2: 1.0, face, face_area_m2: 2.0 }
 }
 
 /// A geometry extent: two patches under a root.
 pub fn geometry() -> Vec<u8> {
-    let head = ClusterHead { cluster: 7, patches: 2, max_m: [2.0, 1.0, 0.0], slices: 1, ..ClusterHead::zeroed() };
+    let head = ClusterHead { cluster: 7, patches: 2, max_m: [2.0, 1.0, 0.0], ..ClusterHead::zeroed() };
     let node = |first_patch: u16, patch_count: u16, left: u32, right: u32, parent: u32| {
         let x = f32::from(first_patch);
         let max_m = [x + f32::from(patch_count), 1.0, 0.0];
@@ -67,7 +69,7 @@ pub fn light() -> Vec<u8> {
     let elements: Vec<_> = (0..4).map(root).chain((0..4).map(|q| root(1).child(q))).map(element).collect();
     let mut level_start = [8; 16];
     level_start[..2].copy_from_slice(&[0, 4]);
-    let head = LightHead { channels: 3, layer: 0, level_start, lit: 1, seen: 0 };
+    let head = LightHead { channels: 3, layer: 0, level_start, reserved: [0; 2] };
     let name = NodeName::sector(ClusterId(7), 4, 0).0;
     let sector = SectorLight { name, radiosity: [1.0; 3], irradiance: [1.0; 3], spread: 0.0, reserved: 0 };
     ArraysBuilder::default().with(&[head]).with(&[sector]).with(&elements).finish()
@@ -114,21 +116,33 @@ fn nodes(items: u32) -> [RayNode; 3] {
     [node(1, 0), node(0, 1), node(1, items - 1)]
 }
 
-/// A ray structure of a cluster.
+/// A ray structure of a cluster of a face in two parts and a whole one.
 pub fn rays() -> Vec<u8> {
-    let patch = |i: u32| RayPatch {
-        corners_m: patch(i as f32).corners_m,
-        patch: i,
+    let face = |x: f32, patch: u32, cut: u32| RayPatch {
+        corners_m: self::patch(x).corners_m,
+        patch,
         corner_count: 4,
         area_m2: 1.0,
-        reserved: 0,
+        cut,
     };
-    ArraysBuilder::default().with(&nodes(2)).with(&[patch(0), patch(1)]).finish()
+    let cut = FaceCut { first_node: 0, nodes: 1, first_part: 0, parts: 2 };
+    let node = CutNode { line: [1.0, 0.0, -0.5], children: [CutNode::PART, CutNode::PART | 1] };
+    let cuts = Cuts { faces: &[cut], nodes: &[node], parts: &[7 << 8, 7 << 8 | 1] };
+    ClusterRaysView { nodes: &nodes(2), patches: &[face(0.0, 0, 0), face(1.0, 2, WHOLE)], cuts }.payload()
 }
 
 /// A ray structure over clusters whose arrays lie in the same bytes.
 pub fn top_rays() -> Vec<u8> {
-    let at = |cluster: u32| ClusterRef { nodes_at: 48, patches_at: 48, cluster, nodes: 1, patches: 0, reserved: 0 };
+    let at = |cluster: u32| ClusterRef {
+        nodes_at: 48,
+        patches_at: 48,
+        cuts_at: 48,
+        cut_nodes_at: 48,
+        parts_at: 48,
+        cluster,
+        nodes: 1,
+        ..ClusterRef::zeroed()
+    };
     ArraysBuilder::default().with(&nodes(2)).with(&[at(1), at(7)]).finish()
 }
 

@@ -6,11 +6,12 @@ use std::path::Path;
 use clerestory::base::{NodeName, text};
 use clerestory::formats::points::PointReader;
 use clerestory::formats::{mtl, obj};
+use clerestory::geom::cut_tree::part_at;
 use clerestory::geom::split::split;
 use clerestory::model::geometry::{GeometryView, NONE};
 use clerestory::model::light::LightView;
 use clerestory::model::links::{LinksView, class_of, index_of};
-use clerestory::model::rays::TopRaysView;
+use clerestory::model::rays::{ClusterRaysView, TopRaysView};
 use clerestory::model::report::TaskReport;
 use clerestory::model::{ExtentKind, invariants};
 use clerestory::rays::RayScene;
@@ -117,7 +118,7 @@ pub fn all() -> Vec<Target> {
         extent("visibility", corpus::visibility(), |bytes| {
             aligned(bytes, |b| invariants::visibility(b, &|_| Some(64)).is_ok())
         }),
-        extent("rays", corpus::rays(), |bytes| aligned(bytes, |b| invariants::rays(b, 2).is_ok())),
+        extent("rays", corpus::rays(), read_rays),
         extent("top-rays", corpus::top_rays(), read_top_rays),
         extent("provenance", corpus::provenance(), |bytes| aligned(bytes, |b| invariants::provenance(b, 2).is_ok())),
         extent("bake", corpus::bake(), |bytes| aligned(bytes, |b| invariants::bake(b, 2).is_ok())),
@@ -228,6 +229,19 @@ fn read_links(bytes: &[u8]) -> bool {
             }
         }
         invariants::links(bytes, 7, &|_| Some(64)).is_ok()
+    })
+}
+
+fn read_rays(bytes: &[u8]) -> bool {
+    aligned(bytes, |bytes| {
+        let is_sound = invariants::rays(bytes, 7, &|_| Some(3)).is_ok();
+        if is_sound {
+            let view = ClusterRaysView::parse(bytes).expect("it is sound");
+            for (nodes, parts) in view.patches.iter().filter_map(|face| view.cuts.of_face(face.cut)) {
+                assert!((part_at(nodes, [0, 1], DVec3::ZERO) as usize) < parts.len());
+            }
+        }
+        is_sound
     })
 }
 

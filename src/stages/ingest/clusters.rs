@@ -1,13 +1,12 @@
-//! Clusters: the pieces of each OBJ object, split in space where too many or too far apart.
+//! Clusters: the faces of each OBJ object, split in space where too many or too far apart.
 //!
-//! Objects come one after the other from an external sort; within an object pieces come along a
-//! Morton curve, so that an object larger than memory is split block by block.
+//! Objects come one after the other from an external sort; within an object faces come along a Morton curve, so that an
+//! object larger than memory is split block by block. The parts of a face stay in one cluster, unless they are more than
+//! one holds.
 
 use std::path::Path;
 
-use bytemuck::{Pod, Zeroable};
-use glam::DVec3;
-
+use super::contact::Cuts;
 use super::piece::Piece;
 use super::pieces::bounds;
 use super::record_file::RecordFile;
@@ -15,55 +14,77 @@ use super::sorter::Sorter;
 use crate::base::Result;
 use crate::geom::bounds::Bounds;
 use crate::geom::grouping::compact_parts;
+use crate::geom::morton::morton;
+use bytemuck::{Pod, Zeroable};
 
-/// Pieces that are split in memory at once.
+/// Faces that are split in memory at once.
 const BLOCK: usize = 1 << 16;
+
+/// Patches of a cluster at most.
+pub const MOST_PATCHES: u32 = 256;
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
 struct Placed {
     object: u64,
     morton: u64,
-    piece: u64,
+    face: u64,
 }
 
-/// Visits the clusters in order: the rows of their pieces, ascending.
+/// The parts of faces that make a cluster.
+pub struct Members<'a> {
+    /// Rows of its faces, ascending, each with all its parts; or the one of which it holds some.
+    pub faces: &'a [u64],
+    /// Of one that is spread over several clusters: the parts that this one holds, ascending, and how many clusters
+    /// follow with others.
+    pub some: Option<(&'a [u32], usize)>,
+}
+
+/// Faces, and what they fell into.
+pub struct Faces<'a> {
+    /// Before they were cut.
+    pub whole: &'a mut RecordFile<Piece>,
+    /// Their parts.
+    pub cuts: &'a mut Cuts,
+}
+
+/// Visits the clusters in order. `most`: faces of a cluster at most.
 pub fn for_each_cluster(
-    pieces: &mut RecordFile<Piece>,
+    faces: &mut Faces<'_>,
     most: usize,
     scratch: (&Path, u64),
-    mut visit: impl FnMut(&mut RecordFile<Piece>, &[u64]) -> Result<()>,
+    mut visit: impl FnMut(&mut Faces<'_>, &Members<'_>) -> Result<()>,
 ) -> Result<()> {
     let mut whole = Bounds::EMPTY;
-    for i in 0..pieces.len() {
-        let piece = pieces.get(i)?;
-        if piece.gone == 0 {
-            whole = whole.union(bounds(&piece));
+    for i in 0..faces.whole.len() {
+        let face = faces.whole.get(i)?;
+        if face.gone == 0 {
+            whole = whole.union(bounds(&face));
         }
     }
     let mut placed = Sorter::new(scratch.0, scratch.1);
-    for i in 0..pieces.len() {
-        let piece = pieces.get(i)?;
-        if piece.gone == 0 {
-            let morton = morton(bounds(&piece).centre(), whole);
-            placed.push(Placed { object: u64::from(piece.object), morton, piece: i })?;
+    for i in 0..faces.whole.len() {
+        let face = faces.whole.get(i)?;
+        if face.gone == 0 {
+            let morton = morton(bounds(&face).centre(), whole);
+            placed.push(Placed { object: u64::from(face.object), morton, face: i })?;
         }
     }
     let mut block: Vec<Placed> = Vec::new();
     for next in placed.finish()? {
         let next = next?;
         if block.first().is_some_and(|b| b.object != next.object) {
-            split_block(pieces, &block, most, &mut visit)?;
+            split_block(faces, &block, most, &mut visit)?;
             block.clear();
         } else if block.len() == BLOCK {
             let rest = block.split_off(best_break(&block));
-            split_block(pieces, &block, most, &mut visit)?;
+            split_block(faces, &block, most, &mut visit)?;
             block = rest;
         }
         block.push(next);
     }
     if !block.is_empty() {
-        split_block(pieces, &block, most, &mut visit)?;
+        split_block(faces, &block, most, &mut visit)?;
     }
     Ok(())
 }
@@ -75,33 +96,57 @@ fn best_break(block: &[Placed]) -> usize {
 }
 
 fn split_block(
-    pieces: &mut RecordFile<Piece>,
+    faces: &mut Faces<'_>,
     block: &[Placed],
     most: usize,
-    visit: &mut impl FnMut(&mut RecordFile<Piece>, &[u64]) -> Result<()>,
+    visit: &mut impl FnMut(&mut Faces<'_>, &Members<'_>) -> Result<()>,
 ) -> Result<()> {
-    let mut rows: Vec<u64> = block.iter().map(|p| p.piece).collect();
+    let mut rows: Vec<u64> = block.iter().map(|p| p.face).collect();
     rows.sort_unstable();
-    let mut boxes = Vec::with_capacity(rows.len());
-    for row in &rows {
-        boxes.push(bounds(&pieces.get(*row)?));
+    let (mut held, mut boxes, mut weights, mut large) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for row in rows {
+        let parts = faces.cuts.faces.get(row)?.parts;
+        if parts > MOST_PATCHES {
+            large.push(row);
+            continue;
+        }
+        held.push(row);
+        boxes.push(bounds(&faces.whole.get(row)?));
+        weights.push(parts);
     }
-    for part in compact_parts(&boxes, most) {
-        let of: Vec<u64> = part.iter().map(|i| rows[*i as usize]).collect();
-        visit(pieces, &of)?;
+    if !held.is_empty() {
+        for items in compact_parts(&boxes, &weights, most, MOST_PATCHES) {
+            let of: Vec<u64> = items.iter().map(|i| held[*i as usize]).collect();
+            visit(faces, &Members { faces: &of, some: None })?;
+        }
     }
-    Ok(())
+    large.into_iter().try_for_each(|row| spread(faces, row, visit))
 }
 
-/// 21 bits per axis, interleaved.
-fn morton(at: DVec3, whole: Bounds) -> u64 {
-    let size = whole.size().max_element().max(f64::MIN_POSITIVE);
-    let cell = ((at - whole.min) / size * 2_097_151.0).clamp(DVec3::ZERO, DVec3::splat(2_097_151.0));
-    let spread = |x: f64| {
-        let x = x as u64;
-        (0..21).fold(0, |bits, i| bits | (x >> i & 1) << (3 * i))
-    };
-    spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2
+/// Spreads the parts of a face over several clusters. Holds a box for each part of a block, a number for each of all.
+fn spread(
+    faces: &mut Faces<'_>,
+    row: u64,
+    visit: &mut impl FnMut(&mut Faces<'_>, &Members<'_>) -> Result<()>,
+) -> Result<()> {
+    let own = faces.cuts.faces.get(row)?;
+    let mut clusters: Vec<Vec<u32>> = Vec::new();
+    // Parts that follow each other lie near each other: they come out of one tree.
+    for first in (0..own.parts).step_by(BLOCK) {
+        let block = first..own.parts.min(first + BLOCK as u32);
+        let boxes: Vec<Bounds> = (block.clone())
+            .map(|part| Ok(faces.cuts.parts.get(own.first_part + u64::from(part))?.bounds()))
+            .collect::<Result<_>>()?;
+        let full = MOST_PATCHES as usize;
+        for items in compact_parts(&boxes, &vec![1; boxes.len()], full, MOST_PATCHES) {
+            clusters.push(items.into_iter().map(|i| first + i).collect());
+        }
+    }
+    let last = clusters.len() - 1;
+    for (i, parts) in clusters.iter().enumerate() {
+        visit(faces, &Members { faces: &[row], some: Some((parts, last - i)) })?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -122,8 +167,9 @@ mod tests {
 
     fn clusters(pieces: &mut RecordFile<Piece>, dir: &Path) -> Vec<Vec<u64>> {
         let mut all = Vec::new();
-        for_each_cluster(pieces, 64, (dir, 1 << 20), |_, rows| {
-            all.push(rows.to_vec());
+        let mut cuts = Cuts::none(pieces, dir).unwrap();
+        for_each_cluster(&mut Faces { whole: pieces, cuts: &mut cuts }, 64, (dir, 1 << 20), |_, members| {
+            all.push(members.faces.to_vec());
             Ok(())
         })
         .unwrap();

@@ -5,7 +5,7 @@ use super::tree::ClusterRecords;
 use crate::base::{ClusterId, Result, Rgb};
 use crate::model::ExtentKind;
 use crate::model::geometry::GeometryView;
-use crate::model::light::{LightView, NEVER};
+use crate::model::light::LightView;
 use crate::store::Snapshot;
 use crate::transport::mesh::Mesh;
 use crate::transport::records::encode;
@@ -23,5 +23,5 @@ pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) 
     for element in &mut mesh.elements {
         element.set_irradiance(Rgb::BLACK);
     }
-    Ok(encode(&mesh, &view, &cluster.materials, NEVER))
+    Ok(encode(&mesh, &view, &cluster.materials))
 }

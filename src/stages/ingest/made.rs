@@ -1,9 +1,11 @@
-//! A model read and cut into pieces, and how those become a store, or new materials of one.
+//! A model read, and cut along contact lines, and how that becomes a store, or new materials of one.
 
 use std::os::unix::ffi::OsStrExt;
 use std::path::PathBuf;
 
+use super::clusters::Faces;
 use super::coincide::Search;
+use super::contact::{self, Cuts};
 use super::frame::{self, Frame, Survey};
 use super::libraries::{self, Libraries};
 use super::materials::{self, Material};
@@ -12,6 +14,7 @@ use super::read::Spilled;
 use super::record_file::RecordFile;
 use super::rerun::{self, GeometryOptions, Recipe, hash_file};
 use super::scratch::Scratch;
+use super::summary::MostPieces;
 use super::tree::Rules;
 use super::typical::{self, Far};
 use super::write::{self, NewMaterials, Source, Totals, Writers};
@@ -22,10 +25,12 @@ use crate::formats::mtl;
 use crate::store::stage_rows::hash;
 use crate::store::{ExtentRef, IngestTx, ModelFacts, SegmentWriter, Snapshot, Stage, StageRecord, Store};
 
-/// The model, cut into pieces, on disk.
+/// The model, on disk: its faces, and what contact lines cut them into.
 pub(super) struct Made {
     spilled: Spilled,
-    pieces: RecordFile<Piece>,
+    /// Before contact lines cut them.
+    faces: RecordFile<Piece>,
+    cuts: Cuts,
     materials: Vec<Material>,
     libraries: Libraries,
     survey: Survey,
@@ -69,6 +74,8 @@ impl Made {
         if pieces.len() == 0 {
             return Err(frame::no_faces(&spilled));
         }
+        let rules = contact::Rules { contact_m: options.contact_m, least_m: options.least_contact_m, snap_m };
+        let cuts = contact::cut(&mut pieces, &rules, dir, options.memory.share(10), progress)?;
         if let (None, (up, false)) = (options.up, survey.vertical.up(survey.bounds.size())) {
             progress.warn(&summary::vertical_line(up, false));
         }
@@ -84,13 +91,13 @@ impl Made {
         for (what, n) in &spilled.ignored {
             progress.warn(&format!("{n} {what} ignored: they have no area"));
         }
-        Ok(Self { spilled, pieces, materials, libraries, survey, frame, far, snap_m, typical_m })
+        Ok(Self { spilled, faces: pieces, cuts, materials, libraries, survey, frame, far, snap_m, typical_m })
     }
 
     fn source<'a>(&'a mut self, options: &Options, scratch: &'a Scratch) -> Source<'a> {
         Source {
             spilled: &mut self.spilled,
-            pieces: &mut self.pieces,
+            faces: Faces { whole: &mut self.faces, cuts: &mut self.cuts },
             frame: self.frame,
             far: self.far,
             rules: Rules { materials: &self.materials, both_sides: options.both_sides, emit_both: options.emit_both },
@@ -125,7 +132,15 @@ impl Made {
         let record = record(&recipe, &totals, self.frame);
         warn_if_dark(&totals, progress);
         tx.finish(&facts, &record, &mut writers.all)?;
-        summary::of(options, store, self.spilled.skipped.counts())
+        let most_pieces = self.most_pieces();
+        Ok(Summary { most_pieces, ..summary::of(options, store, self.spilled.skipped.counts())? })
+    }
+
+    /// The face that contact lines cut into most pieces.
+    fn most_pieces(&self) -> Option<MostPieces> {
+        let (source, pieces) = self.cuts.tally.most?;
+        let file = shown(&self.spilled.files[source.file as usize].path);
+        Some(MostPieces { face: format!("{file}:{}", source.line), pieces })
     }
 
     pub(super) fn into_known_store(
@@ -198,6 +213,8 @@ impl Made {
             both_sides: options.both_sides,
             emit_both: options.emit_both,
             patches: totals.patches,
+            patches_uncut: self.cuts.tally.faces,
+            cuts: [self.cuts.tally.crossings, self.cuts.tally.contacts, self.cuts.tally.outlines],
             clusters: totals.clusters,
             emitters: totals.emitters,
             input_polygons: self.spilled.polygons,

@@ -6,9 +6,9 @@
 
 mod clusters;
 mod coincide;
-#[cfg_attr(not(test), expect(dead_code, reason = "parts are not stored yet"))]
 mod contact;
 mod darken;
+mod faces;
 mod frame;
 mod join;
 mod libraries;

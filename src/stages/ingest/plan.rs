@@ -75,6 +75,10 @@ pub struct Options {
     pub max_cluster_patches: u32,
     /// `--snap`, m; `None` is 1e-5 of the bounding diagonal, at most 1 mm.
     pub snap_m: Option<f64>,
+    /// `--contact`, m.
+    pub contact_m: f64,
+    /// `--least-contact`, m.
+    pub least_contact_m: f64,
     /// `--memory`.
     pub memory: MemoryBudget,
     /// `--fresh`.

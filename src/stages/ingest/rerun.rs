@@ -47,6 +47,10 @@ pub struct GeometryOptions {
     pub sides: String,
     /// `--snap`, m.
     pub snap_m: Option<f64>,
+    /// `--contact`, m.
+    pub contact_m: f64,
+    /// `--least-contact`, m.
+    pub least_contact_m: f64,
     /// `--max-cluster-patches`.
     pub max_cluster_patches: u32,
 }
@@ -60,6 +64,8 @@ impl GeometryOptions {
             up: options.up.map_or("auto".to_owned(), String::from),
             sides: if options.both_sides { "both" } else { "front" }.to_owned(),
             snap_m: options.snap_m,
+            contact_m: options.contact_m,
+            least_contact_m: options.least_contact_m,
             max_cluster_patches: options.max_cluster_patches,
         }
     }
@@ -84,6 +90,9 @@ impl GeometryOptions {
         compare("--up", self.up.clone(), other.up.clone());
         compare("--sides", self.sides.clone(), other.sides.clone());
         compare("--snap", snap(self.snap_m), snap(other.snap_m));
+        let metres = |m: f64| format!("{m} m");
+        compare("--contact", metres(self.contact_m), metres(other.contact_m));
+        compare("--least-contact", metres(self.least_contact_m), metres(other.least_contact_m));
         compare("--max-cluster-patches", self.max_cluster_patches.to_string(), other.max_cluster_patches.to_string());
         out
     }

@@ -19,14 +19,20 @@ pub struct Summary {
     pub(super) store: PathBuf,
     /// Patches.
     pub patches: u64,
+    /// Patches before contact lines cut them.
+    pub patches_uncut: u64,
     /// Clusters.
     pub clusters: u64,
-    /// Emitting patches.
+    /// Emitting patches, uncut.
     pub emitters: u64,
     /// Area, each patch once, m2.
     pub area_m2: f64,
     /// `f` records read.
     pub input_polygons: u64,
+    /// Cuts along contact lines: cause -> count.
+    pub pieces: BTreeMap<&'static str, u64>,
+    /// The face that fell into most pieces; `None` where nothing was cut this time.
+    pub most_pieces: Option<MostPieces>,
     /// Faces left out: cause -> count.
     pub skipped: BTreeMap<String, u64>,
     /// Bounding box in model axes, m: smallest corner, largest corner.
@@ -41,6 +47,15 @@ pub struct Summary {
     pub materials_version: Option<u64>,
 }
 
+/// A face in many pieces.
+#[derive(Clone, Debug, Serialize)]
+pub struct MostPieces {
+    /// Input file and line.
+    pub face: String,
+    /// How many.
+    pub pieces: u32,
+}
+
 impl summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
         let [low, high] = self.bounds_m;
@@ -53,6 +68,14 @@ impl summary::Summary for Summary {
             ),
             format!("{} m, {}", size.join(" x "), vertical_line(self.up, self.up_is_sure)),
         ];
+        let cuts: u64 = self.pieces.values().sum();
+        if cuts > 0 {
+            let causes: Vec<String> = self.pieces.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
+            let most =
+                self.most_pieces.as_ref().map_or_else(String::new, |m| format!("; most: {}, {}", m.pieces, m.face));
+            let (uncut, causes) = (self.patches_uncut, causes.join(", "));
+            lines.push(format!("contact lines cut {uncut} faces into {} patches ({causes}{most})", self.patches));
+        }
         if self.unchanged {
             lines.push("Nothing has changed since the last ingest.".to_owned());
         }
@@ -82,6 +105,9 @@ pub fn vertical_line(up: char, is_sure: bool) -> String {
     format!("up is {up}{doubt}")
 }
 
+/// Why contact lines cut faces.
+const CAUSES: [&str; 3] = ["crossing", "contact", "outline"];
+
 /// Of what the store holds now.
 pub(super) fn of(options: &Options, store: &Store, skipped: BTreeMap<String, u64>) -> Result<Summary> {
     let facts = store.facts()?;
@@ -92,10 +118,13 @@ pub(super) fn of(options: &Options, store: &Store, skipped: BTreeMap<String, u64
     Ok(Summary {
         store: options.store.clone(),
         patches: facts.patches,
+        patches_uncut: facts.patches_uncut,
         clusters: facts.clusters,
         emitters: facts.emitters,
         area_m2: facts.area_m2,
         input_polygons: facts.input_polygons,
+        pieces: CAUSES.into_iter().zip(facts.cuts).collect(),
+        most_pieces: None,
         skipped,
         bounds_m: [corner(facts.min_m), corner(facts.max_m)],
         up,

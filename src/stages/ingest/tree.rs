@@ -3,6 +3,7 @@
 use bytemuck::Zeroable;
 use glam::DVec3;
 
+use super::faces::ClusterFaces;
 use super::materials::Material;
 use super::piece::{NONE as NO_MATERIAL, Piece};
 use super::pieces::bounds;
@@ -13,6 +14,7 @@ use crate::geom::polygon::Polygon;
 use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, SectorLight};
+use crate::rays::PatchKey;
 
 /// Patches of a leaf of the tree.
 const LEAF: usize = 4;
@@ -40,8 +42,10 @@ pub struct ClusterRecords {
     pub sectors: Vec<SectorHead>,
     /// Materials, front then back of each patch.
     pub materials: Vec<SideMaterial>,
-    /// Which piece each patch was.
+    /// Which part each patch was.
     pub order: Vec<u32>,
+    /// What names each face to rays.
+    pub keys: Vec<PatchKey>,
 }
 
 struct Shape {
@@ -50,33 +54,41 @@ struct Shape {
 }
 
 impl ClusterRecords {
-    /// From the pieces of one object, 1 to 256 of them.
+    /// From faces of one object, with 1 to 256 parts.
     #[must_use]
-    pub fn new(id: ClusterId, pieces: &[Piece], rules: Rules<'_>) -> Self {
-        let boxes: Vec<Bounds> = pieces.iter().map(bounds).collect();
-        let mut order: Vec<u32> = (0..pieces.len() as u32).collect();
+    pub fn new(id: ClusterId, cluster: &ClusterFaces, rules: Rules<'_>) -> Self {
+        let parts = &cluster.parts;
+        let boxes: Vec<Bounds> = parts.iter().map(|part| bounds(&part.piece)).collect();
+        let mut order: Vec<u32> = (0..parts.len() as u32).collect();
         let mut tree = Vec::new();
-        grow(&boxes, &mut order, (0, pieces.len()), NONE, &mut tree);
-        let mut patches: Vec<PatchRecord> = order.iter().map(|i| patch(&pieces[*i as usize], rules)).collect();
+        grow(&boxes, &mut order, (0, parts.len()), NONE, &mut tree);
+        let keys = cluster.keys(id, &order);
+        let ordered = || order.iter().map(|i| &parts[*i as usize]);
+        let mut patches: Vec<PatchRecord> = ordered()
+            .map(|part| PatchRecord {
+                face: keys[part.face].packed(),
+                face_area_m2: cluster.faces[part.face].area_m2,
+                ..patch(&part.piece, rules)
+            })
+            .collect();
         for (number, node) in tree.iter().enumerate() {
             if node.left == NONE {
                 for patch in &mut patches[below(node)] {
-                    patch.tree_node = number as u32;
+                    patch.tree_node = number as u16;
                 }
             }
         }
-        let shapes: Vec<Shape> = order.iter().map(|i| shape(&pieces[*i as usize])).collect();
-        let materials = order.iter().flat_map(|i| side_materials(&pieces[*i as usize], rules)).collect();
+        let shapes: Vec<Shape> = ordered().map(|part| shape(&part.piece)).collect();
+        let materials = ordered().flat_map(|part| side_materials(&part.piece, rules)).collect();
         let sectors = sectors(id, &patches, &shapes, &tree);
         let head = ClusterHead {
             cluster: id.0,
-            patches: pieces.len() as u32,
+            patches: parts.len() as u32,
             min_m: tree[0].min_m,
             max_m: tree[0].max_m,
-            slices: 1,
             ..ClusterHead::zeroed()
         };
-        Self { head, patches, tree, sectors, materials, order }
+        Self { head, patches, tree, sectors, materials, order, keys }
     }
 
     /// The geometry extent's payload.
@@ -95,6 +107,16 @@ impl ClusterRecords {
     #[must_use]
     pub fn emitters(&self) -> u32 {
         self.materials.chunks_exact(2).filter(|m| m.iter().any(|s| s.exitance != [0.0; 3])).count() as u32
+    }
+
+    /// Faces that emit, each counted in the cluster where rays meet it.
+    #[must_use]
+    pub fn emitting_faces(&self) -> u64 {
+        let emits = |key: &&PatchKey| {
+            let first = 2 * key.patch as usize;
+            key.cluster == self.head.cluster && self.materials[first..first + 2].iter().any(|s| s.exitance != [0.0; 3])
+        };
+        self.keys.iter().filter(emits).count() as u64
     }
 
     /// The radiosity extent's payload of a version in which nothing has arrived yet.
@@ -242,15 +264,16 @@ mod tests {
         words
     }
 
-    fn row_of_tiles(n: usize) -> Vec<Piece> {
-        (0..n)
+    fn row_of_tiles(n: usize) -> ClusterFaces {
+        let tiles: Vec<Piece> = (0..n)
             .map(|i| {
                 let x = (i * 7 % n) as f32;
                 let mut piece = Piece { corner_count: 4, material: [(i % 2) as u32, NO_MATERIAL], ..Piece::zeroed() };
                 piece.corners_m = [[x, 0., 0.], [x + 1., 0., 0.], [x + 1., 1., 0.], [x, 1., 0.]];
                 piece
             })
-            .collect()
+            .collect();
+        ClusterFaces::uncut(&tiles)
     }
 
     const DARK: Material = Material { rho: Rgb([0.5; 3]), exitance: Rgb::BLACK };
@@ -272,7 +295,7 @@ mod tests {
             assert_eq!(Bounds::from_f32(node.min_m, node.max_m), b);
             if node.left == NONE {
                 assert!(node.patch_count <= 4);
-                assert!(view.patches[below(node)].iter().all(|p| p.tree_node == number as u32));
+                assert!(view.patches[below(node)].iter().all(|p| p.tree_node == number as u16));
             } else {
                 let (l, r) = (&view.tree[node.left as usize], &view.tree[node.right as usize]);
                 assert_eq!(node.left as usize, number + 1, "preorder");

@@ -6,8 +6,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use xxhash_rust::xxh3::Xxh3;
 
-use super::clusters::for_each_cluster;
+use super::clusters::{Faces, for_each_cluster};
 use super::darken::light_on_known_elements;
+use super::faces::{ClusterFaces, PartNames};
 use super::frame::Frame;
 use super::piece::{NONE, Piece};
 use super::read::Spilled;
@@ -17,7 +18,7 @@ use super::typical::Far;
 use crate::base::{ClusterId, Error, Progress, Result, Rgb};
 use crate::geom::bounds::Bounds;
 use crate::model::ExtentKind;
-use crate::model::geometry::{PatchRecord, SideMaterial};
+use crate::model::geometry::SideMaterial;
 use crate::model::layout::{Arrays, ArraysBuilder};
 use crate::model::origin::{BakeCorner, PatchSource};
 use crate::model::rays::{ClusterRef, TOP};
@@ -29,8 +30,8 @@ use crate::store::{ClusterRow, ExtentRef, IngestTx, SegmentWriter, Snapshot, Sto
 pub struct Source<'a> {
     /// What was read.
     pub spilled: &'a mut Spilled,
-    /// What the faces became.
-    pub pieces: &'a mut RecordFile<Piece>,
+    /// The faces, and what contact lines cut them into.
+    pub faces: Faces<'a>,
     /// Where the store's origin lies.
     pub frame: Frame,
     /// Which pieces lie far off.
@@ -50,7 +51,7 @@ pub struct Totals {
     pub patches: u64,
     /// Clusters.
     pub clusters: u64,
-    /// Emitting patches.
+    /// Emitting faces, before contact lines cut them.
     pub emitters: u64,
     /// Area, each patch once, m2; what lies far off is left out here, of the box and of the means.
     pub area_m2: f64,
@@ -70,7 +71,7 @@ impl Totals {
     fn add(&mut self, records: &ClusterRecords, far: Far) {
         self.clusters += 1;
         self.patches += records.patches.len() as u64;
-        self.emitters += u64::from(records.emitters());
+        self.emitters += records.emitting_faces();
         for (patch, sides) in records.patches.iter().zip(records.materials.chunks_exact(2)) {
             let area = f64::from(patch.area_m2);
             let is_far = far.holds(&patch.corners_m);
@@ -105,29 +106,25 @@ impl Totals {
     }
 }
 
-/// Visits every cluster: its records and the pieces they came from.
+/// Visits every cluster: its records and the faces they came from.
 fn for_each(
     source: &mut Source<'_>,
     progress: &dyn Progress,
     totals: &mut Totals,
-    mut visit: impl FnMut(&mut Spilled, &ClusterRecords, &[Piece]) -> Result<()>,
+    mut visit: impl FnMut(&mut Spilled, &ClusterRecords, &ClusterFaces) -> Result<()>,
 ) -> Result<()> {
     progress.begin("write", "clusters", None);
     let (rules, far, spilled) = (source.rules, source.far, &mut *source.spilled);
-    let mut of: Vec<Piece> = Vec::new();
-    for_each_cluster(source.pieces, source.most, source.scratch, |pieces, rows| {
+    for_each_cluster(&mut source.faces, source.most, source.scratch, |faces, members| {
         if totals.clusters > u64::from(ClusterId::MAX) {
             return Err(Error::TooLarge {
                 message: format!("the model has more than {} clusters", ClusterId::MAX),
                 help: "give a larger `--max-cluster-patches`, or split the model into several stores".to_owned(),
             });
         }
-        of.clear();
-        for row in rows {
-            of.push(pieces.get(*row)?);
-        }
+        let of = ClusterFaces::load(faces, members)?;
         let mut records = ClusterRecords::new(ClusterId(totals.clusters as u32), &of, rules);
-        records.head.object = of[0].object + 1;
+        records.head.object = of.faces[0].whole.object + 1;
         totals.geometry.update(&records.geometry());
         totals.materials.update(&records.materials_payload());
         totals.add(&records, far);
@@ -171,15 +168,22 @@ pub fn write_clusters(
     let frame = source.frame;
     // About 64 bytes per cluster: the one thing here that grows with the model, as the top of the
     // ray structure does.
-    let mut tops = Vec::new();
-    for_each(source, progress, &mut totals, |spilled, records, pieces| {
-        let row = write_cluster(&mut writers.all, spilled, frame, records, pieces, &mut tops)?;
+    let mut rays = RayFaces::default();
+    for_each(source, progress, &mut totals, |spilled, records, faces| {
+        let row = write_cluster(&mut writers.all, spilled, frame, records, faces, &mut rays)?;
         tx.add_cluster(&row)
     })?;
-    let (nodes, clusters) = build::top(&tops);
+    let (nodes, clusters) = build::top(&rays.tops);
     let payload = ArraysBuilder::default().with(&nodes).with(&clusters).finish();
     let top = writers.all[RAYS].append(ExtentKind::Rays, TOP, &payload)?;
     Ok((totals, top))
+}
+
+/// What is gathered for rays, from cluster to cluster.
+#[derive(Default)]
+struct RayFaces {
+    tops: Vec<(ClusterRef, [f32; 3], [f32; 3])>,
+    names: PartNames,
 }
 
 fn write_cluster(
@@ -187,13 +191,12 @@ fn write_cluster(
     spilled: &mut Spilled,
     frame: Frame,
     records: &ClusterRecords,
-    pieces: &[Piece],
-    tops: &mut Vec<(ClusterRef, [f32; 3], [f32; 3])>,
+    faces: &ClusterFaces,
+    rays: &mut RayFaces,
 ) -> Result<ClusterRow> {
     let id = records.head.cluster;
-    let (rays, reference) = write_rays(&mut writers[RAYS], id, &records.patches)?;
-    tops.push((reference, records.head.min_m, records.head.max_m));
-    let ordered: Vec<&Piece> = records.order.iter().map(|i| &pieces[*i as usize]).collect();
+    let rays = write_rays(&mut writers[RAYS], records, faces, rays)?;
+    let ordered: Vec<&Piece> = records.order.iter().map(|i| &faces.parts[*i as usize].piece).collect();
     let provenance = ArraysBuilder::default().with(&sources(&ordered)).finish();
     let corners = bake_corners(spilled, frame, &ordered)?;
     let bake = match corners.is_empty() {
@@ -219,21 +222,22 @@ fn write_cluster(
     })
 }
 
-fn write_rays(writer: &mut SegmentWriter, id: u32, patches: &[PatchRecord]) -> Result<(ExtentRef, ClusterRef)> {
-    let (nodes, ray_patches) = build::cluster(patches);
-    let payload = ArraysBuilder::default().with(&nodes).with(&ray_patches).finish();
-    let at = writer.append(ExtentKind::Rays, id, &payload)?;
-    let arrays = Arrays::new(&payload);
-    let place = |i| at.payload_at() + arrays.place(i).expect("just built").0 as u64;
-    let reference = ClusterRef {
-        nodes_at: place(0),
-        patches_at: place(1),
-        cluster: id,
-        nodes: nodes.len() as u32,
-        patches: ray_patches.len() as u32,
-        reserved: 0,
-    };
-    Ok((at, reference))
+fn write_rays(
+    writer: &mut SegmentWriter,
+    records: &ClusterRecords,
+    faces: &ClusterFaces,
+    rays: &mut RayFaces,
+) -> Result<ExtentRef> {
+    let id = ClusterId(records.head.cluster);
+    rays.names.add(id, faces, &records.order);
+    let arrays = faces.rays(&records.keys, &rays.names);
+    let payload = arrays.payload();
+    let at = writer.append(ExtentKind::Rays, id.0, &payload)?;
+    if let Some((min_m, max_m)) = arrays.bounds_m() {
+        let reference = ClusterRef::to(id.0, &payload, at.payload_at()).expect("just built");
+        rays.tops.push((reference, min_m, max_m));
+    }
+    Ok(at)
 }
 
 fn sources(pieces: &[&Piece]) -> Vec<PatchSource> {

@@ -16,6 +16,7 @@ mod weld;
 use std::path::Path;
 
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
 
 use self::face::cut_face;
 use self::neighbours::Neighbours;
@@ -24,6 +25,7 @@ use super::piece::{FaceCorner, Piece, Source};
 use super::record_file::RecordFile;
 use super::sorter::Sorter;
 use crate::base::{Error, Progress, Result};
+use crate::geom::bounds::Bounds;
 use crate::model::cut::CutNode;
 
 /// What counts as contact.
@@ -47,6 +49,14 @@ pub struct Part {
     pub named: [FaceCorner; 4],
     /// 3 or 4.
     pub corner_count: u32,
+}
+
+impl Part {
+    /// Box round it, m from the store's origin.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        Bounds::of(&self.corners_m.map(|c| DVec3::from_array(c.map(f64::from))))
+    }
 }
 
 /// What a face became.
@@ -73,6 +83,15 @@ pub struct Cuts {
     pub nodes: RecordFile<CutNode>,
     /// How many of what.
     pub tally: Tally,
+}
+
+#[cfg(test)]
+impl Cuts {
+    /// Of faces that nothing cuts.
+    pub fn none(pieces: &mut RecordFile<Piece>, dir: &Path) -> Result<Self> {
+        let rules = Rules { contact_m: 0.0, least_m: f64::INFINITY, snap_m: 0.0 };
+        cut(pieces, &rules, dir, 1 << 20, &crate::base::Quiet)
+    }
 }
 
 /// Cuts by cause, and the face with most parts.

@@ -13,8 +13,10 @@ CREATE TABLE model (
     sides TEXT NOT NULL CHECK (sides IN ('both', 'front')),
     emit TEXT NOT NULL CHECK (emit IN ('front', 'both')),
     patches INTEGER NOT NULL,
+    patches_uncut INTEGER NOT NULL, -- before contact lines cut them
+    crossings INTEGER NOT NULL, contacts INTEGER NOT NULL, outlines INTEGER NOT NULL, -- cuts, by cause
     clusters INTEGER NOT NULL,
-    emitters INTEGER NOT NULL,
+    emitters INTEGER NOT NULL, -- uncut
     input_polygons INTEGER NOT NULL,
     area_m2 REAL NOT NULL,
     mean_patch_area_m2 REAL NOT NULL,
@@ -233,3 +235,12 @@ CREATE TABLE metrics (
     unit TEXT NOT NULL,
     at REAL NOT NULL
 ) STRICT;
+
+-- Of every table that carries results the number of rows and the sum of their hashes: see
+-- `store/seals.rs`. A row changed by anything but the program shows.
+
+CREATE TABLE seals (
+    name TEXT PRIMARY KEY,
+    row_count INTEGER NOT NULL,
+    row_sum INTEGER NOT NULL -- of xxh3 over each row's values, modulo 2^62
+) STRICT, WITHOUT ROWID;
