@@ -9,7 +9,7 @@ use super::link_levels::{self, LevelCount};
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Progress, Result};
 use crate::model::ExtentKind;
-use crate::model::rays::TOP;
+use crate::model::rays::{ClusterRef, TOP};
 use crate::store::inventory::ExtentRow;
 use crate::store::{Snapshot, Store};
 
@@ -192,16 +192,18 @@ impl Checker<'_> {
         Ok(())
     }
 
-    /// The top level refers to every cluster, and to what its structure really is.
+    /// The top level leads to every patch, and to what the structures really are.
     fn rays(&mut self) -> Result<()> {
         let mut found = Vec::new();
         let mut read = || -> Result<()> {
             let rays = self.store.rays()?;
             let top = rays.top()?;
             found.extend(top.clusters.iter().filter_map(|at| Some((at.cluster, rays.check(at).err()?))));
-            let clusters = self.store.facts()?.clusters;
-            if top.clusters.len() as u64 != clusters {
-                return Err(rays.damage(format!("{} clusters of {clusters}", top.clusters.len())));
+            // Whole faces, and the parts of those that are cut: a face of many clusters lies in one of them.
+            let met = |at: &ClusterRef| i64::from(at.patches) - i64::from(at.cuts) + i64::from(at.parts);
+            let (met, patches) = (top.clusters.iter().map(met).sum::<i64>(), self.store.facts()?.patches);
+            if i64::try_from(patches) != Ok(met) {
+                return Err(rays.damage(format!("it leads to {met} of {patches} patches")));
             }
             Ok(())
         };
