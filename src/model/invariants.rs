@@ -152,7 +152,8 @@ pub fn light(payload: &[u8], cluster: u32, patches: usize) -> Result<(), String>
 /// Rows and dictionary in order, form factors within 0..=1, row sums after closing at most 1.
 pub fn links(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u32>) -> Result<(), String> {
     let view = LinksView::parse(payload)?;
-    let own = view.receivers.iter().all(|&r| NodeName(r).cluster().0 == cluster);
+    // Sector nodes only send.
+    let own = view.receivers.iter().all(|&r| NodeName(r).cluster().0 == cluster && !NodeName(r).is_sector());
     let own = own && are_names(view.receivers, patches_of);
     ensure(own && ascending(view.receivers), || "receivers are foreign or out of order".to_owned())?;
     ensure(ascending(view.sources), || "the dictionary of sources is out of order".to_owned())?;
@@ -191,8 +192,10 @@ pub fn visibility(payload: &[u8], patches_of: &dyn Fn(u32) -> Option<u32>) -> Re
 /// cluster without faces is of parts of one that another cluster holds.
 pub fn rays(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u32>) -> Result<(), String> {
     let view = ClusterRaysView::parse(payload)?;
+    let patches = patches_of(cluster).unwrap_or(0);
     let mut met = Vec::new();
     for face in view.patches {
+        ensure(face.patch < patches, || format!("face {} is named by no patch", face.patch))?;
         let shaped = matches!(face.corner_count, 3 | 4) && face.corners_m.iter().flatten().all(|x| x.is_finite());
         ensure(shaped, || format!("face {} has no shape", face.patch))?;
         if face.cut == WHOLE {
@@ -201,14 +204,15 @@ pub fn rays(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u32
         }
         let (nodes, parts) = view.cuts.of_face(face.cut).ok_or_else(|| format!("face {} has no cut", face.patch))?;
         cut_tree(nodes, parts.len()).map_err(|what| format!("the cuts of face {} {what}", face.patch))?;
+        let is_named = parts.contains(&(cluster << 8 | face.patch));
+        ensure(is_named, || format!("face {} is named by none of its parts", face.patch))?;
         met.extend_from_slice(parts);
     }
     met.sort_unstable();
     let there = |part: &u32| patches_of(part >> 8).is_some_and(|patches| part & 0xff < patches);
     ensure(ascending(met.iter().copied()) && met.iter().all(there), || "rays meet other patches".to_owned())?;
     let own = met.iter().filter(|part| *part >> 8 == cluster).count();
-    let patches = patches_of(cluster).unwrap_or(0) as usize;
-    ensure(own == patches || view.patches.is_empty(), || format!("rays meet {own} of {patches} patches"))?;
+    ensure(own == patches as usize || view.patches.is_empty(), || format!("rays meet {own} of {patches} patches"))?;
     if view.patches.is_empty() && view.nodes.is_empty() { Ok(()) } else { hierarchy(view.nodes, view.patches.len()) }
 }
 
@@ -270,4 +274,52 @@ pub fn bake(payload: &[u8], patches: usize) -> Result<(), String> {
     ensure(corners.iter().all(|c| (c.corner as usize) < 4 * patches), || {
         "a corner names a patch that is not there".to_owned()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::ArraysBuilder;
+    use super::super::links::{LeafClosure, LinksHead};
+    use super::super::rays::{Cuts, FaceCut, RayNode, RayPatch};
+    use super::*;
+
+    fn aligned(payload: &[u8]) -> Vec<u128> {
+        let mut words = vec![0u128; payload.len().div_ceil(16)];
+        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(payload);
+        words
+    }
+
+    /// A face of cluster 7 named by `patch`, in two parts.
+    fn face_named(patch: u32, parts: [u32; 2]) -> Result<(), String> {
+        let node = RayNode { min_m: [0.0; 3], first: 0, max_m: [1.0; 3], count: 1 };
+        let face = RayPatch { corners_m: [[0.0; 3]; 4], patch, corner_count: 4, area_m2: 1.0, cut: 0 };
+        let cut = FaceCut { first_node: 0, nodes: 1, first_part: 0, parts: 2 };
+        let line = CutNode { line: [1.0, 0.0, 0.0], children: [CutNode::PART, CutNode::PART | 1] };
+        let cuts = Cuts { faces: &[cut], nodes: &[line], parts: &parts };
+        let payload = aligned(&ClusterRaysView { nodes: &[node], patches: &[face], cuts }.payload());
+        rays(bytemuck::cast_slice(&payload), 7, &|cluster| (cluster < 9).then_some(2))
+    }
+
+    #[test]
+    fn a_face_is_named_by_one_of_its_own_parts() {
+        let own = [7 << 8, 7 << 8 | 1];
+        assert_eq!(face_named(0, own), Ok(()));
+        assert!(face_named(2, own).unwrap_err().contains("named by no patch"));
+        // As a number that is the first patch of the next cluster, where it has a part.
+        assert!(face_named(256, [7 << 8, 8 << 8]).unwrap_err().contains("named by no patch"));
+        assert!(face_named(1, [7 << 8, 8 << 8]).unwrap_err().contains("none of its parts"));
+    }
+
+    #[test]
+    fn rows_are_those_of_elements() {
+        let received_by = |receiver: NodeName| {
+            let head = LinksHead { delta: 0, reserved: 0, receivers: 1, links: 0, reserved2: 0 };
+            let arrays = ArraysBuilder::default().with(&[head]).with(&[receiver.0]).with(&[0u64, 0]);
+            let arrays = arrays.with::<u64>(&[]).with::<u32>(&[]).with::<f32>(&[]).with::<f32>(&[]).with::<f32>(&[]);
+            let payload = aligned(&arrays.with::<LeafClosure>(&[]).finish());
+            links(bytemuck::cast_slice(&payload), 7, &|_| Some(2))
+        };
+        assert_eq!(received_by(NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 })), Ok(()));
+        assert!(received_by(NodeName::sector(ClusterId(7), 4, 0)).unwrap_err().contains("receivers"));
+    }
 }

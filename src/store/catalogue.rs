@@ -312,19 +312,6 @@ impl Store {
         Ok(())
     }
 
-    /// Bytes of the store's files.
-    pub fn bytes_on_disk(&self) -> Result<u64> {
-        let mut sum = 0;
-        for dir in [self.dir.clone(), self.dir.join(SEGMENTS)] {
-            for entry in std::fs::read_dir(&dir).map_err(|e| Error::io(&dir, &e))? {
-                // A file unlinked while we count is no longer ours to count.
-                let Ok(meta) = entry.and_then(|e| e.metadata()) else { continue };
-                sum += if meta.is_file() { meta.len() } else { 0 };
-            }
-        }
-        Ok(sum)
-    }
-
     /// Forgets everything in the store, for `--fresh`: rows first, then files.
     pub fn empty(&self) -> Result<()> {
         self.write(|tx| {

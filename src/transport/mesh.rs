@@ -165,16 +165,3 @@ impl Mesh {
         at
     }
 }
-
-#[cfg(test)]
-impl Mesh {
-    /// The front of a square of 4 m2, and its patch.
-    pub fn of_square(irradiance: Rgb) -> (Self, crate::model::geometry::PatchRecord) {
-        let mut patch: crate::model::geometry::PatchRecord = bytemuck::Zeroable::zeroed();
-        patch.corners_m = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
-        (patch.corner_count, patch.area_m2) = (4, 4.0);
-        let name = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let elements = vec![Element::new(name, NONE, 4.0, irradiance)];
-        (Self { cluster: ClusterId(0), sectors: Vec::new(), side_sector: Vec::new(), elements }, patch)
-    }
-}

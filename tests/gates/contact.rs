@@ -111,7 +111,7 @@ fn the_same_where_the_box_pierces_the_floor() {
 }
 
 #[test]
-fn the_same_where_the_box_hovers_by_a_millimetre_or_less() {
+fn beneath_a_box_that_hovers_by_a_tenth_of_a_millimetre_it_is_dark() {
     let solved = solve_with("hovering_0_1_mm", crate_at(1e-4, |p| p + MIDDLE));
     let from = |p: DVec3| from_square(p, MIDDLE, DMat3::IDENTITY);
     let beneath = floor(&solved, |p| from(p) < -0.05);

@@ -6,6 +6,8 @@
 
 use std::path::Path;
 
+use bytemuck::{Pod, Zeroable};
+
 use super::contact::Cuts;
 use super::piece::Piece;
 use super::pieces::bounds;
@@ -15,7 +17,6 @@ use crate::base::Result;
 use crate::geom::bounds::Bounds;
 use crate::geom::grouping::compact_parts;
 use crate::geom::morton::morton;
-use bytemuck::{Pod, Zeroable};
 
 /// Faces that are split in memory at once.
 const BLOCK: usize = 1 << 16;

@@ -1,13 +1,12 @@
 //! The faces of a cluster: what rays meet of them, and the parts that become its patches.
 
+use super::clusters::{Faces, Members};
+use super::piece::Piece;
 use crate::base::{ClusterId, Result};
 use crate::geom::polygon::Polygon;
 use crate::model::cut::CutNode;
-use crate::model::rays::{ClusterRaysView, Cuts, FaceCut, RayPatch, WHOLE};
+use crate::model::rays::{ClusterRaysView, Cuts, FaceCut, RayNode, RayPatch, WHOLE};
 use crate::rays::{PatchKey, build};
-
-use super::clusters::{Faces, Members};
-use super::piece::Piece;
 
 /// A face as it was before contact lines cut it.
 pub struct Face {
@@ -18,6 +17,13 @@ pub struct Face {
     /// How many parts it has, in this cluster and elsewhere.
     pub parts: u32,
     nodes: Vec<CutNode>,
+}
+
+impl Face {
+    fn new(whole: Piece, parts: u32, nodes: Vec<CutNode>) -> Self {
+        let (points, n) = whole.points();
+        Self { whole, area_m2: Polygon::new(&points[..n]).area() as f32, parts, nodes }
+    }
 }
 
 /// A part of a face, on its way to be a patch.
@@ -63,9 +69,7 @@ impl ClusterFaces {
             for i in 0..if is_met { own.nodes } else { 0 } {
                 nodes.push(from.cuts.nodes.get(own.first_node + u64::from(i))?);
             }
-            let (points, n) = whole.points();
-            let area_m2 = Polygon::new(&points[..n]).area() as f32;
-            faces.push(Face { whole, area_m2, parts: own.parts, nodes });
+            faces.push(Face::new(whole, own.parts, nodes));
         }
         Ok(Self { faces, parts, following: members.some.map(|(_, following)| following) })
     }
@@ -73,8 +77,7 @@ impl ClusterFaces {
     /// Of faces that nothing cuts.
     #[cfg(test)]
     pub fn uncut(pieces: &[Piece]) -> Self {
-        let area_m2 = |piece: &Piece| Polygon::new(&piece.points().0[..piece.corner_count as usize]).area() as f32;
-        let face = |whole: &Piece| Face { whole: *whole, area_m2: area_m2(whole), parts: 1, nodes: Vec::new() };
+        let face = |whole: &Piece| Face::new(*whole, 1, Vec::new());
         let part = |(face, piece): (usize, &Piece)| Part { piece: *piece, face, number: 0 };
         let (faces, parts) = (pieces.iter().map(face).collect(), pieces.iter().enumerate().map(part).collect());
         Self { faces, parts, following: None }
@@ -129,7 +132,7 @@ impl ClusterFaces {
 /// A cluster's ray structure, to be written.
 #[derive(Default)]
 pub struct RayArrays {
-    nodes: Vec<crate::model::rays::RayNode>,
+    nodes: Vec<RayNode>,
     faces: Vec<RayPatch>,
     cuts: Vec<FaceCut>,
     cut_nodes: Vec<CutNode>,
