@@ -139,6 +139,13 @@ CREATE TABLE solution_versions (
     links_reused INTEGER,
     rays INTEGER,
     unlinked_mean REAL,
+    phase TEXT, -- what the next iteration does: sweep, mark, close
+    threshold REAL, -- least that acts of the next iteration promise a ray, (W/m2)2 m2
+    lit_mean_w_m2 REAL, -- mean irradiance of what is lit and does not emit
+    estimated_nrms REAL,
+    estimated_nrms_error REAL, -- its standard error
+    correction REAL, -- squared error of places measured anew, relative to what rows know
+    correction_error REAL,
     made_at REAL NOT NULL
 ) STRICT;
 

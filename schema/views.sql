@@ -55,14 +55,14 @@ SELECT id AS version, parent, branch, iteration, is_iteration_end, is_kept, tole
        predicted_error, converged, clusters_changed,
        emitted_r_w, emitted_g_w, emitted_b_w, absorbed_r_w, absorbed_g_w, absorbed_b_w,
        escaped_r_w, escaped_g_w, escaped_b_w, energy_balance, elements, links_evaluated, links_stored,
-       links_reused, rays, unlinked_mean,
+       links_reused, rays, unlinked_mean, estimated_nrms, estimated_nrms_error,
        strftime('%Y-%m-%dT%H:%M:%S', made_at, 'unixepoch', 'localtime') AS made
 FROM solution_versions;
 
 DROP VIEW IF EXISTS v_convergence;
 CREATE VIEW v_convergence AS
-SELECT branch, iteration, id AS version, residual, contraction, predicted_error, tolerance, converged,
-       energy_balance, elements, links_stored, links_reused, rays
+SELECT branch, iteration, id AS version, phase, threshold, estimated_nrms, residual, contraction, predicted_error,
+       tolerance, converged, energy_balance, elements, links_stored, links_reused, rays
 FROM solution_versions WHERE is_iteration_end = 1 ORDER BY branch, iteration;
 
 DROP VIEW IF EXISTS v_storage;

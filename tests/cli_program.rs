@@ -86,9 +86,10 @@ fn every_document_has_the_common_keys_and_those_of_its_verb() {
              area_m2 elements links_evaluated links_stored links_reused rays unlinked_mean workers \
              coordinator_anon_bytes emitted_w absorbed_w escaped_w energy_balance",
         ),
-        (&["check", "box.clr"], "damages segments bytes_verified links_by_level"),
+        (&["check", "box.clr"], "damages segments bytes_verified"),
         (&["gc", "box.clr"], "versions_removed bytes_freed"),
         (&["sample", "box.clr", "--points", "p.csv", "-o", "out.csv"], "points answered unanswered"),
+        (&["sample", "box.clr", "--points", "p.csv", "--stored", "-o", "stored.csv"], "points answered unanswered"),
         (&["export", "box.clr", "-o", "x.glb"], "files elements solution_version"),
         (&["render", "box.clr", "-o", "x.png", "--size", "16x16"], "files"),
     ] {

@@ -128,6 +128,7 @@ fn a_radiance_picture_says_what_is_up_in_it() {
 fn what_is_written_never_lies_in_a_store_nor_on_what_is_read_and_devices_stay_devices() {
     let dir = scene();
     assert_eq!(said(dir.path(), &["ingest", "rooms.clr", "rooms.obj", "-q"]).0, 0);
+    assert_eq!(said(dir.path(), &["visibility", "rooms.clr", "-q"]).0, 0);
     std::fs::write(dir.path().join("p.csv"), "x,y,z,nx,ny,nz\n1,1,0,0,0,1\n").unwrap();
     std::fs::write(dir.path().join("kept.csv"), "kept").unwrap();
     std::os::unix::fs::symlink("rooms.clr/scene.sqlite", dir.path().join("link.csv")).unwrap();

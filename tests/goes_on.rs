@@ -164,9 +164,9 @@ fn stages_by_hand_go_on_with_other_options_than_those_that_left_a_part_behind() 
 #[test]
 fn without_a_version_the_materials_on_disk_decide_whatever_was_gone_on_from_before() {
     let dir = scene();
-    let (_, first) = finish(&mut run(dir.path(), &[]));
+    let (_, first) = finish(&mut run(dir.path(), &["--keep", "100"]));
     materials(dir.path(), "Ke 20 20 18", "Ke 20 20 18", "");
-    let (_, brighter) = finish(&mut run(dir.path(), &[]));
+    let (_, brighter) = finish(&mut run(dir.path(), &["--keep", "100"]));
     let (code, older) = finish(&mut run(dir.path(), &["--version", "1"]));
     assert_eq!((code, older["branch"].as_u64()), (0, Some(2)), "{older}");
     assert!((watts(&older) / watts(&first) - 1.0).abs() < 0.02, "{} {}", watts(&older), watts(&first));

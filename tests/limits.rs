@@ -4,9 +4,9 @@ mod common;
 
 use std::time::Duration;
 
-use clerestory::model::links::LinksView;
+use clerestory::model::links::{LinksView, for_each_row};
+use clerestory::stages::link_extent::live_bytes;
 use clerestory::store::{Snapshot, Store};
-use clerestory::transport::link_rows;
 use common::{assert_sound, clerestory, finish, light_of, run, write_rooms};
 
 fn scene() -> tempfile::TempDir {
@@ -37,10 +37,13 @@ fn a_chain_of_link_extents_is_at_most_half_garbage_however_many_iterations_add_t
                 continue;
             }
             let views: Vec<_> = chain.iter().map(|e| e.parse(LinksView::parse).unwrap()).collect();
-            let mut links = 0;
-            link_rows::for_each_row(&views, |_, _, row| links += row.len());
+            let (mut rows, mut entries) = (0, 0);
+            for_each_row(&views, |_, row| {
+                rows += 1;
+                entries += row.count as usize;
+            });
             let bytes = chain.iter().map(|e| e.payload().len() as u64).sum::<u64>();
-            let live = link_rows::live_bytes(links, views[views.len() - 1].closure.len());
+            let live = live_bytes(rows, entries);
             assert!(
                 bytes <= 2 * live,
                 "version {version}, cluster {id}: {} extents hold {bytes} bytes for {live}",

@@ -85,8 +85,8 @@ fn out_of_iterations_is_exit_3_and_the_rest_follows_from_there() {
 #[test]
 fn other_settings_and_older_versions_open_branches_and_other_geometry_is_refused() {
     let dir = scene();
-    let (_, first) = finish(&mut run(dir.path(), &[]));
-    let (code, finer) = finish(&mut run(dir.path(), &["--inner", "2"]));
+    let (_, first) = finish(&mut run(dir.path(), &["--keep", "100"]));
+    let (code, finer) = finish(&mut run(dir.path(), &["--inner", "2", "--keep", "100"]));
     assert_eq!((code, finer["branch"].as_u64()), (0, Some(1)), "{finer}");
     let (code, old) = finish(&mut run(dir.path(), &["--version", "1"]));
     assert_eq!((code, old["branch"].as_u64()), (0, Some(2)), "{old}");

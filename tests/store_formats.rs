@@ -15,8 +15,8 @@ use clerestory::model::links::LinksView;
 use clerestory::store::{Snapshot, Store};
 use common::{assert_sound, clerestory, finish, write_rooms};
 
-const TODAYS: &str = "old_stores/format_3";
-const OLDER: [u32; 2] = [1, 2];
+const TODAYS: &str = "old_stores/format_4";
+const OLDER: [u32; 3] = [1, 2, 3];
 
 /// A copy of a committed store: opening one makes files beside its catalogue.
 fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {
@@ -38,10 +38,10 @@ fn a_store_of_todays_format_is_sound_and_gives_its_light() {
     assert_sound(&path);
     let store = Store::open(&path, Duration::from_secs(5)).unwrap();
     // The lamp's radiance is 3 W/(m2 sr): it emits 3 pi W per m2.
-    let emitted = store.version_figures(2).unwrap().unwrap().iteration.power.emitted_w[0];
-    assert!((emitted - 3.0 * std::f64::consts::PI).abs() < 1e-5, "{emitted}");
     let newest = Snapshot::newest(&store).unwrap();
-    assert_eq!((newest.version(), newest.clusters().count()), (2, 2));
+    let emitted = store.version_figures(newest.version()).unwrap().unwrap().iteration.power.emitted_w[0];
+    assert!((emitted - 3.0 * std::f64::consts::PI).abs() < 1e-5, "{emitted}");
+    assert_eq!((newest.version(), newest.clusters().count()), (3, 2));
     let extent = newest.need(ExtentKind::Radiosity, ClusterId(0)).unwrap();
     let floor = extent.parse(LightView::parse).unwrap();
     let arrives = 4.0 * f64::from(floor.elements[0].irradiance[0]);
@@ -89,7 +89,7 @@ fn stores_of_older_formats_are_refused_by_name_with_what_to_do_and_nothing_of_th
             let output = clerestory().current_dir(dir.path()).args(args).output().unwrap();
             let said = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(12), "{format}, {args:?}: {said}");
-            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 3");
+            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 4");
             assert!(said.contains(&named), "{format}, {args:?}: {said}");
             assert!(said.contains("help: ") && said.contains("`--fresh`"), "{format}, {args:?}: {said}");
         }
@@ -113,8 +113,8 @@ fn ingest_with_fresh_makes_stores_of_older_formats_anew() {
 #[test]
 fn check_names_every_damage_with_kind_file_place_and_cause() {
     let expected = [
-        ("flipped_bit", "radiosity", "segments/000008-update.seg", "cluster 0, version 2", "checksum is wrong"),
-        ("cut_off_segment", "links", "segments/000008-update.seg", "cluster 0, version 2", "cut off"),
+        ("flipped_bit", "radiosity", "segments/000009-update.seg", "cluster 0, version 3", "checksum is wrong"),
+        ("cut_off_segment", "links", "segments/000009-update.seg", "cluster 0, version 3", "cut off"),
         ("missing_segment", "materials", "segments/000004-materials.seg", "cluster 0, version 0", "missing"),
         ("foreign_row", "geometry", "segments/000001-geometry.seg", "cluster 0", "the catalogue says"),
         ("deleted_cluster", "catalogue", "scene.sqlite", "clusters", "has 1 rows where 2 were written"),

@@ -144,12 +144,15 @@ fn a_bit_flipped_anywhere_in_the_rays_is_found_by_whoever_casts_them() {
         file.write_all_at(&[whole[at] ^ 0x10], at as u64).unwrap();
         // Of the shapes those that a ray comes near are looked at; `look` comes near all.
         let what = format!("byte {at}");
-        scene.all_find_damage(&what, &[CHECK, LOOK]);
         for args in [SAMPLE, RENDER] {
             let said = scene.said(args);
             assert!(matches!(said.code, 0 | 12), "{what}: {args:?}: {}", said.err);
         }
+        scene.all_find_damage(&what, &[CHECK, LOOK]);
         file.write_all_at(&whole[at..=at], at as u64).unwrap();
+        // What failed has left no lists, and points are measured by them.
+        let looked = scene.said(LOOK);
+        assert_eq!(looked.code, 0, "{what}: {}", looked.err);
     }
     let before = scene.said(SAMPLE);
     assert_eq!(before.code, 0, "{}", before.err);

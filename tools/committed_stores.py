@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes data/old_stores/format_3 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
+"""Makes data/old_stores/format_4 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
 
 To be run when a record's bytes change their meaning before a release; later a new format gets a folder of its own,
 and the old ones stay: what they are refused with is tested.
@@ -28,8 +28,8 @@ usemtl lamp
 f 5 6 7 8
 """
 MTL = "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 3 3 3\n"
-LIGHT = "select segment, offset, bytes from cluster_states where cluster = 0 and version = 2"
-LINKS = "select segment, offset, bytes from cluster_links where cluster = 0 and version = 2"
+LIGHT = "select segment, offset, bytes from cluster_states where cluster = 0 order by version desc"
+LINKS = "select segment, offset, bytes from cluster_links where cluster = 0 order by version desc"
 HEADER_BYTES = 64
 # The store holds the model's path: one that is the same wherever the stores are made.
 FOLDER = "/tmp/clerestory-models"
@@ -98,7 +98,7 @@ def main():
     program, data = os.path.abspath(sys.argv[1]), sys.argv[2]
     os.makedirs(FOLDER)
     try:
-        whole = copy(solve(program, FOLDER), f"{data}/old_stores/format_3")
+        whole = copy(solve(program, FOLDER), f"{data}/old_stores/format_4")
     finally:
         shutil.rmtree(FOLDER)
     broken = f"{data}/broken_stores"

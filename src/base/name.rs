@@ -111,37 +111,11 @@ impl NodeName {
         }
     }
 
-    /// Which way the sides of a sector node face: 0..6 is +x -x +y -y +z -z.
-    #[must_use]
-    pub fn sector_digit(self) -> u8 {
-        debug_assert_eq!(self.kind(), Some(NodeKind::Sector));
-        ((self.0 >> 35) & 7) as u8
-    }
-
-    /// Number of a sector node's tree node within its cluster.
-    #[must_use]
-    pub fn tree_node(self) -> u32 {
-        debug_assert_eq!(self.kind(), Some(NodeKind::Sector));
-        (self.0 & ((1 << 35) - 1)) as u32
-    }
-
-    /// Whether this is a sector node.
-    #[must_use]
-    pub fn is_sector(self) -> bool {
-        self.kind() == Some(NodeKind::Sector)
-    }
-
     /// Patch and side of an element.
     #[must_use]
     pub fn patch_side(self) -> PatchSide {
         debug_assert_eq!(self.kind(), Some(NodeKind::Element));
         PatchSide { patch: (self.0 >> (PATH_BITS + 1)) as u8, side: ((self.0 >> PATH_BITS) & 1) as u8 }
-    }
-
-    /// The whole of the patch side that an element lies on.
-    #[must_use]
-    pub fn whole_side(self) -> Self {
-        Self::root(self.cluster(), self.patch_side())
     }
 
     /// Path of an element.

@@ -89,7 +89,7 @@ pub enum Verb {
     /// Say where the work is, what is running, what is next
     #[command(after_help = "Examples:\n  clerestory status office.clr\n  clerestory status office.clr --settings")]
     Status(StatusArgs),
-    /// Verify every checksum, reference and invariant; names each damage, counts links by level
+    /// Verify every checksum, reference and invariant; names each damage
     #[command(after_help = "Examples:\n  clerestory check office.clr\n  clerestory check office.clr --json")]
     Check(StoreArgs),
     /// Remove old solution versions and unused bytes
@@ -97,7 +97,7 @@ pub enum Verb {
     Gc(GcArgs),
     /// Give irradiance and lux at sensor points
     #[command(
-        after_help = "Examples:\n  clerestory sample office.clr --points desk.csv -o lux.csv\n  clerestory sample office.clr --points grid.pts -o -"
+        after_help = "Examples:\n  clerestory sample office.clr --points desk.csv -o lux.csv\n  clerestory sample office.clr --points grid.pts -o -\n  clerestory sample office.clr --points desk.csv --stored -o stored.csv"
     )]
     Sample(SampleArgs),
     /// Draw the solution as seen from a camera
@@ -348,7 +348,7 @@ pub struct SolveFlags {
     /// Tolerance 0.1, 0.05, 0.02 or 0.01
     #[arg(long, default_value = "standard")]
     pub quality: Quality,
-    /// No element edge below this, m or with a unit [default: from the tolerance, printed]
+    /// No element edge below this, m or with a unit [default: none]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub min_element: Option<f64>,
     /// Gathers per visit of a group, or `converge` (the paper: 2)
@@ -483,6 +483,9 @@ pub struct SampleArgs {
     pub points: PathBuf,
     #[command(flatten)]
     pub output: OutputFlags,
+    /// Read what the stored solution says there, instead of measuring at each point
+    #[arg(long)]
+    pub stored: bool,
     /// Points this near to a surface are on it, m or with a unit [default: 1e-5 of the bounding diagonal, at most 1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub snap: Option<f64>,

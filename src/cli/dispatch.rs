@@ -248,14 +248,13 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
     if args.dry_run {
         entry::version_to_read(&store, args.version)?;
         let text = format!(
-            "solve {} of {} groups, no element edge below {:.4} m, memory at most {} MiB",
+            "solve {} of {} groups, memory at most {} MiB",
             match options.which {
                 solve_group::Which::Group(group) => format!("group {group}"),
                 solve_group::Which::Next => "the next free one".to_owned(),
                 solve_group::Which::UntilDone => "all that are free".to_owned(),
             },
             plan.groups,
-            plan.min_element_m,
             common.memory.limit_bytes >> 20
         );
         return Ok(Report::plan("solve-group", args.store, &text));
@@ -265,8 +264,7 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
     let summary = solve_group::execute(&plan, &resources, context.progress)?;
     remember(context, "solve-group", &args.store, common.wait)?;
     let next = status::read(&store, &status::Options::default())?.next;
-    let mut lines = summaries::solve_group(&summary);
-    lines.push(format!("No element edge below {:.4} m.", plan.min_element_m));
+    let lines = summaries::solve_group(&summary);
     Ok(Report::of("solve-group", args.store, &WithNext { summary, next, lines }))
 }
 
@@ -354,7 +352,7 @@ fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result
         return Ok(Report::plan("sample", args.store, &format!("sample version {version}")));
     }
     let _process = entry::enter(&store, "sample", Some(version))?;
-    let options = sample::Options { version: Some(version), snap_m: args.snap };
+    let options = sample::Options { version: Some(version), snap_m: args.snap, is_stored: args.stored };
     let output = Output::create(&args.output.output, args.output.force)?;
     let summary = sample_files::sample(&store, &options, &args.points, output, context.progress)?;
     let lines = summaries::sample(&summary);

@@ -143,17 +143,8 @@ pub(super) fn child_on_grid<P: Copy>(
     (cut.shape(shape, quarter), cut.child(grid, quarter, mix).0)
 }
 
-/// A quarter of a shape, cut at the middles of its edges however long it is: what tells whether light differs
-/// along it and across.
-#[must_use]
-pub fn quarter(shape: &Polygon, quarter: u32) -> Polygon {
-    let cut = if shape.corners().len() == 3 { Cut::Corners } else { Cut::Quarters };
-    cut.shape(shape, quarter)
-}
-
 /// Whether a shape is so long that its children are slices.
-#[must_use]
-pub fn is_sliced(shape: &Polygon) -> bool {
+fn is_sliced(shape: &Polygon) -> bool {
     !matches!(Cut::of(shape), Cut::Quarters | Cut::Corners)
 }
 
@@ -163,42 +154,70 @@ pub fn child_edge_m(shape: &Polygon) -> f64 {
     shape.longest_edge() / if is_sliced(shape) { LONG } else { 2.0 }
 }
 
-/// The child of `shape` that holds `point`, which lies on it.
-#[must_use]
-pub fn child_at(shape: &Polygon, point: DVec3) -> u32 {
-    let normal = shape.doubled_area_vector();
-    let c = shape.corners();
-    // Whether the point lies to the left of a line.
-    let is_left = |from: DVec3, to: DVec3| normal.cross(to - from).dot(point - from) >= 0.0;
-    let slice = |ends: &dyn Fn(u32) -> (DVec3, DVec3)| {
-        let is_past = |k: u32| {
-            let (right, left) = ends(k);
-            !is_left(right, left)
-        };
-        if is_past(2) { 2 + u32::from(is_past(3)) } else { u32::from(is_past(1)) }
-    };
-    match Cut::of(shape) {
-        Cut::Quarters => {
-            let (ab, bc, cd, da) =
-                (mixed(c[0], c[1], 2), mixed(c[1], c[2], 2), mixed(c[2], c[3], 2), mixed(c[3], c[0], 2));
-            match (is_left(ab, cd), is_left(da, bc)) {
+/// How lines part the children of a shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Parting {
+    /// Two lines that cross.
+    Crossed = 0,
+    /// The middle line of four slices, then the first, then the last.
+    Slices = 1,
+    /// A line before each corner of a triangle.
+    Corners = 2,
+}
+
+impl Parting {
+    /// The child that holds a point, by what lies to the left of which line.
+    #[inline]
+    #[must_use]
+    pub fn child(self, is_left: impl Fn(usize) -> bool) -> u32 {
+        match self {
+            Self::Crossed => match (is_left(0), is_left(1)) {
                 (true, false) => 0,
                 (false, false) => 1,
                 (false, true) => 2,
                 (true, true) => 3,
-            }
-        }
-        Cut::AlongFirst => slice(&|k| (mixed(c[0], c[1], k), mixed(c[3], c[2], k))),
-        Cut::AlongSecond => slice(&|k| (mixed(c[1], c[2], k), mixed(c[0], c[3], k))),
-        Cut::Needle(base) => {
-            let (p, r, tip) = (c[base], c[(base + 1) % 3], c[(base + 2) % 3]);
-            slice(&|k| (mixed(r, tip, k), mixed(p, tip, k)))
-        }
-        Cut::Corners => {
-            let (ab, bc, ca) = (mixed(c[0], c[1], 2), mixed(c[1], c[2], 2), mixed(c[2], c[0], 2));
-            [(ab, ca), (bc, ab), (ca, bc)].iter().position(|(from, to)| is_left(*from, *to)).map_or(3, |i| i as u32)
+            },
+            Self::Slices if is_left(0) => u32::from(!is_left(1)),
+            Self::Slices => 2 + u32::from(!is_left(2)),
+            Self::Corners => (0..3).position(is_left).map_or(3, |i| i as u32),
         }
     }
+}
+
+/// The lines that part the children of a shape, each from one point to another.
+#[must_use]
+pub fn parting(shape: &Polygon) -> (Parting, [(DVec3, DVec3); 3]) {
+    let c = shape.corners();
+    let mid = |i: usize, j: usize| mixed(c[i], c[j], 2);
+    let slices = |line: &dyn Fn(u32) -> (DVec3, DVec3)| (Parting::Slices, [line(2), line(1), line(3)]);
+    match Cut::of(shape) {
+        Cut::Quarters => {
+            let (ab, bc, cd, da) = (mid(0, 1), mid(1, 2), mid(2, 3), mid(3, 0));
+            (Parting::Crossed, [(ab, cd), (da, bc), (da, bc)])
+        }
+        Cut::AlongFirst => slices(&|k| (mixed(c[0], c[1], k), mixed(c[3], c[2], k))),
+        Cut::AlongSecond => slices(&|k| (mixed(c[1], c[2], k), mixed(c[0], c[3], k))),
+        Cut::Needle(base) => {
+            let (p, r, tip) = (c[base], c[(base + 1) % 3], c[(base + 2) % 3]);
+            slices(&|k| (mixed(r, tip, k), mixed(p, tip, k)))
+        }
+        Cut::Corners => {
+            let (ab, bc, ca) = (mid(0, 1), mid(1, 2), mid(2, 0));
+            (Parting::Corners, [(ab, ca), (bc, ab), (ca, bc)])
+        }
+    }
+}
+
+/// The child of `shape` that holds `point`, which lies on it.
+#[must_use]
+pub fn child_at(shape: &Polygon, point: DVec3) -> u32 {
+    let normal = shape.doubled_area_vector();
+    let (parting, lines) = parting(shape);
+    parting.child(|line| {
+        let (from, to) = lines[line];
+        normal.cross(to - from).dot(point - from) >= 0.0
+    })
 }
 
 #[cfg(test)]

@@ -101,3 +101,52 @@ pub struct IterationFigures {
     /// Share of the lit rows that nothing is linked to.
     pub unlinked_mean: f64,
 }
+
+/// What an iteration does besides gathering.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Phase {
+    /// Nothing: light still comes in.
+    #[default]
+    Sweep,
+    /// What promises most is split, or rays are cast for it.
+    Mark,
+    /// Nothing more: the error is as small as was asked for.
+    Close,
+}
+
+impl Phase {
+    /// As the catalogue has it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sweep => "sweep",
+            Self::Mark => "mark",
+            Self::Close => "close",
+        }
+    }
+
+    /// From the catalogue; a sweep where it says something else.
+    #[must_use]
+    pub fn of(name: &str) -> Self {
+        [Self::Mark, Self::Close].into_iter().find(|phase| phase.name() == name).unwrap_or_default()
+    }
+}
+
+/// Where refinement stands at the end of an iteration: what the next one reads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steering {
+    /// What the next iteration does.
+    pub phase: Phase,
+    /// Least that its acts promise a ray, (W/m2)2 m2; none if there are none.
+    pub threshold: Option<f64>,
+    /// Mean irradiance of what is lit and does not emit, W/m2; 0 if nothing is.
+    pub lit_mean_w_m2: f64,
+    /// Estimated error of the stored light.
+    pub estimated_nrms: f64,
+    /// Its standard error.
+    pub estimated_nrms_error: f64,
+    /// Squared error where places were measured anew, relative to what the rows know; 0 before any were.
+    pub correction: f64,
+    /// Its standard error.
+    pub correction_error: f64,
+}

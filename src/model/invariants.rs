@@ -3,15 +3,12 @@
 use super::cut::CutNode;
 use super::geometry::{GeometryView, NONE, SideMaterial, TreeNode};
 use super::light::LightView;
-use super::links::{LinksView, Visibility, class_of};
+use super::links::LinksView;
 use super::origin::{BakeCorner, PatchSource};
 use super::rays::{ClusterRaysView, TopRaysView, WHOLE, hierarchy};
 use super::visibility::VisibilityView;
 use super::{Arrays, ExtentKind};
 use crate::base::{ClusterId, NodeKind, NodeName};
-
-/// Rounding of stored factors and sums.
-const ROW_SUM_SLACK: f64 = 1e-3;
 
 fn ascending<T: PartialOrd>(items: impl IntoIterator<Item = T>) -> bool {
     let mut items = items.into_iter();
@@ -23,20 +20,15 @@ fn ascending<T: PartialOrd>(items: impl IntoIterator<Item = T>) -> bool {
     })
 }
 
-/// Whether a name is one that a node of a cluster with so many patches can have: no index in it leads outside.
+/// Whether a name is one that an element of a cluster with so many patches can have: no index in it leads outside.
 fn is_name(name: NodeName, patches: u32) -> bool {
-    match name.kind() {
-        Some(NodeKind::Element) => {
-            // A leading 1, then two bits a level.
-            let path = name.path();
-            u32::from(name.patch_side().patch) < patches && path != 0 && path.ilog2().is_multiple_of(2)
-        }
-        Some(NodeKind::Sector) => name.sector_digit() < 6 && name.tree_node() < patches.saturating_mul(2),
-        Some(NodeKind::Pseudo) | None => false,
-    }
+    // A leading 1, then two bits a level.
+    let path = name.path();
+    let is_path = path != 0 && path.ilog2().is_multiple_of(2);
+    name.kind() == Some(NodeKind::Element) && is_path && u32::from(name.patch_side().patch) < patches
 }
 
-/// Whether all names are of nodes that clusters can have, or the escape; quick where neighbours are of one cluster.
+/// Whether all names are of elements that clusters can have, or the escape; quick where neighbours are of one cluster.
 fn are_names(names: &[u64], patches_of: &dyn Fn(u32) -> Option<u32>) -> bool {
     let mut last = (ClusterId::PSEUDO, None);
     names.iter().map(|&name| NodeName(name)).all(|name| {
@@ -135,45 +127,42 @@ pub fn light(payload: &[u8], cluster: u32, patches: usize) -> Result<(), String>
             let at_home = name.cluster().0 == cluster && name.depth() == depth;
             ensure(at_home, || format!("{name:?} does not belong on level {depth}"))?;
             ensure(name.parent().is_none_or(|p| view.find(p).is_some()), || format!("{name:?} has no parent"))?;
-            let fine = element.irradiance.iter().chain([&element.spread]).all(|x| x.is_finite() && *x >= 0.0);
-            ensure(fine, || format!("{name:?} receives {:?}, spread {}", element.irradiance, element.spread))?;
+            let fine = element.irradiance.iter().all(|x| x.is_finite() && *x >= 0.0)
+                && element.slope_u.iter().chain(&element.slope_v).all(|x| x.is_finite());
+            ensure(fine, || format!("{name:?} receives {:?}", element.irradiance))?;
         }
     }
-    for sector in view.sectors {
-        let name = NodeName(sector.name);
-        let at_home = name.is_sector() && name.cluster().0 == cluster && is_name(name, patches as u32);
-        ensure(at_home, || format!("{name:?} is no sector node of its cluster"))?;
-        let mut values = sector.radiosity.iter().chain(&sector.irradiance).chain([&sector.spread]);
-        ensure(values.all(|x| x.is_finite() && *x >= 0.0), || format!("{:?} is not finite", NodeName(sector.name)))?;
+    ensure(ascending(view.rows.iter().map(|r| (r.name, r.part))), || "rows are out of order".to_owned())?;
+    for row in view.rows {
+        let name = NodeName(row.name);
+        let is_own = is_name(name, patches as u32) && name.cluster().0 == cluster;
+        ensure(is_own && view.find(name).is_some(), || format!("a row of {name:?}, which is not there"))?;
+        ensure(row.part < 2 && row.rounds > 0, || format!("a row of {name:?} has no rays or part"))?;
+        let fine = row.irradiance.iter().chain([&row.noise, &row.structure_error]).all(|x| x.is_finite() && *x >= 0.0)
+            && row.slope_u.iter().chain(&row.slope_v).chain([&row.structure]).all(|x| x.is_finite());
+        ensure(fine, || format!("a row of {name:?} receives {:?}", row.irradiance))?;
     }
-    ensure(ascending(view.sectors.iter().map(|s| s.name)), || "sector nodes are out of order".to_owned())
+    Ok(())
 }
 
-/// Rows and dictionary in order, form factors within 0..=1, row sums after closing at most 1.
+/// Rows and dictionary in order, form factors of lamps finite, as many hits as places and rounds.
 pub fn links(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u32>) -> Result<(), String> {
     let view = LinksView::parse(payload)?;
-    // Sector nodes only send.
-    let own = view.receivers.iter().all(|&r| NodeName(r).cluster().0 == cluster && !NodeName(r).is_sector());
-    let own = own && are_names(view.receivers, patches_of);
-    ensure(own && ascending(view.receivers), || "receivers are foreign or out of order".to_owned())?;
-    ensure(ascending(view.sources), || "the dictionary of sources is out of order".to_owned())?;
-    ensure(are_names(view.sources, patches_of), || "the dictionary holds a name of no node".to_owned())?;
-    let fractions = view.form_factor.iter().all(|f| (0.0..=1.0).contains(f));
-    ensure(fractions, || "a form factor lies outside 0..=1".to_owned())?;
-    let is_error = |x: &f32| x.is_finite() && *x >= 0.0;
-    let spreads = view.packed.iter().zip(view.spread);
-    let errors = view.uncertainty.iter().all(is_error)
-        && spreads.filter(|(p, _)| class_of(**p) != Visibility::Surveyed).all(|(_, spread)| is_error(spread));
-    ensure(errors, || "a spread or uncertainty is not a number".to_owned())?;
-    ensure(ascending(view.closure.iter().map(|c| c.leaf)), || "closed rows are out of order".to_owned())?;
-    for row in view.closure {
-        let leaf = NodeName(row.leaf);
-        let own = leaf.cluster().0 == cluster && !leaf.is_sector() && are_names(&[row.leaf], patches_of);
-        ensure(own, || format!("a closed row is that of {leaf:?}"))?;
-        let sum = f64::from(row.closed_sum) + f64::from(row.escape);
-        ensure((0.0..=1.0 + ROW_SUM_SLACK).contains(&sum), || {
-            format!("the row of {:?} sums to {sum}", NodeName(row.leaf))
-        })?;
+    ensure(ascending(view.rows.iter().map(|r| (r.element, r.part))), || "rows are out of order".to_owned())?;
+    let mut names = view.rows.iter().map(|row| NodeName(row.element));
+    let own = names.all(|n| n.cluster().0 == cluster && are_names(&[n.0], patches_of));
+    ensure(own, || "a row is foreign".to_owned())?;
+    ensure(ascending(view.sides), || "the dictionary of sides is out of order".to_owned())?;
+    let whole = view.sides.iter().map(|&name| NodeName(name));
+    let whole = whole.into_iter().all(|n| n == NodeName::ESCAPE || n.path() == 1);
+    ensure(whole && are_names(view.sides, patches_of), || "the dictionary holds a name of no side".to_owned())?;
+    let factors = view.shares.iter().all(|share| share.factor.is_finite() && share.factor >= 0.0);
+    ensure(factors, || "a form factor is not a number".to_owned())?;
+    let lamps = view.shares.iter().all(|s| view.sides[(s.lamp_slot >> 5) as usize] != NodeName::ESCAPE.0);
+    ensure(lamps, || "the escape is a lamp".to_owned())?;
+    for row in view.rows.iter().filter(|row| row.part == 1) {
+        let rays = 2 * u32::from(row.rounds) * row.open.count_ones();
+        ensure(row.count == rays, || format!("{:?} met {} places with {rays} rays", NodeName(row.element), row.count))?;
     }
     Ok(())
 }
@@ -279,7 +268,7 @@ pub fn bake(payload: &[u8], patches: usize) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::super::layout::ArraysBuilder;
-    use super::super::links::{LeafClosure, LinksHead};
+    use super::super::links::{LinksHead, RowHead, StoredHit, StoredShare};
     use super::super::rays::{Cuts, FaceCut, RayNode, RayPatch};
     use super::*;
 
@@ -310,16 +299,48 @@ mod tests {
         assert!(face_named(1, [7 << 8, 8 << 8]).unwrap_err().contains("none of its parts"));
     }
 
+    /// A row of cluster 7 of what 2 rays from one place met: a side.
+    fn row_of(element: NodeName, hits: u32, side: NodeName) -> Result<(), String> {
+        let head = LinksHead { delta: 0, reserved: 0, rows: 1, shares: 0, hits: u64::from(hits) };
+        let (element, count) = (element.0, hits);
+        let row = RowHead { element, first: 0, count, part: 1, rounds: 1, open: 0x10, reserved: [0; 3] };
+        let met = vec![StoredHit { side: 0, at: [0; 2] }; hits as usize];
+        let arrays = ArraysBuilder::default().with(&[head]).with(&[row]).with(&[side.0]);
+        let payload = aligned(&arrays.with::<StoredShare>(&[]).with(&met).finish());
+        links(bytemuck::cast_slice(&payload), 7, &|_| Some(2))
+    }
+
     #[test]
     fn rows_are_those_of_elements() {
-        let received_by = |receiver: NodeName| {
-            let head = LinksHead { delta: 0, reserved: 0, receivers: 1, links: 0, reserved2: 0 };
-            let arrays = ArraysBuilder::default().with(&[head]).with(&[receiver.0]).with(&[0u64, 0]);
-            let arrays = arrays.with::<u64>(&[]).with::<u32>(&[]).with::<f32>(&[]).with::<f32>(&[]).with::<f32>(&[]);
-            let payload = aligned(&arrays.with::<LeafClosure>(&[]).finish());
+        let root = NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 });
+        assert_eq!(row_of(root, 2, root), Ok(()));
+        assert_eq!(row_of(root.child(3), 2, NodeName::ESCAPE), Ok(()));
+        assert!(row_of(NodeName::sector(ClusterId(7), 4, 0), 2, root).unwrap_err().contains("foreign"));
+        assert!(row_of(NodeName::root(ClusterId(8), root.patch_side()), 2, root).unwrap_err().contains("foreign"));
+    }
+
+    #[test]
+    fn rays_meet_whole_sides_as_many_as_were_cast() {
+        let root = NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 });
+        assert!(row_of(root, 3, root).unwrap_err().contains("met 3 places with 2 rays"));
+        assert!(row_of(root, 2, root.child(0)).unwrap_err().contains("no side"));
+        assert!(row_of(root, 2, NodeName::sector(ClusterId(7), 4, 0)).unwrap_err().contains("no side"));
+    }
+
+    #[test]
+    fn lamps_are_sides() {
+        let root = NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 });
+        let lit_by = |lamp: NodeName, factor: f32| {
+            let head = LinksHead { delta: 0, reserved: 0, rows: 1, shares: 1, hits: 0 };
+            let (element, open) = (root.0, u16::MAX);
+            let row = RowHead { element, first: 0, count: 1, part: 0, rounds: 1, open, reserved: [0; 3] };
+            let arrays = ArraysBuilder::default().with(&[head]).with(&[row]).with(&[lamp.0]);
+            let share = StoredShare { lamp_slot: 31, factor };
+            let payload = aligned(&arrays.with(&[share]).with::<StoredHit>(&[]).finish());
             links(bytemuck::cast_slice(&payload), 7, &|_| Some(2))
         };
-        assert_eq!(received_by(NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 })), Ok(()));
-        assert!(received_by(NodeName::sector(ClusterId(7), 4, 0)).unwrap_err().contains("receivers"));
+        assert_eq!(lit_by(root, 0.5), Ok(()));
+        assert!(lit_by(NodeName::ESCAPE, 0.5).unwrap_err().contains("the escape is a lamp"));
+        assert!(lit_by(root, f32::NAN).unwrap_err().contains("not a number"));
     }
 }

@@ -1,7 +1,6 @@
-//! Radiosity extents: what arrives at every element and sector node of a cluster in one version.
+//! Radiosity extents: what arrives at every element of a cluster in one version.
 //!
-//! Coarse first: sector nodes by name, then both roots of every patch, then level by level, each by
-//! name. An element has all four children or none. `B = E + rho H` with the materials extent.
+//! Rows by name and part; then both roots of every patch, then level by level, each by name. An element has all four children or none. `B = E + rho H` with the materials extent.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -23,32 +22,48 @@ pub struct LightHead {
     pub reserved: [u32; 2],
 }
 
-/// Light of an element.
+/// Light of an element: `irradiance + slope_u u + slope_v v`, with u and v in m from its centroid along the axes of its
+/// patch's frame.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ElementLight {
     /// Its name.
     pub name: u64,
-    /// Irradiance, W/m2.
+    /// Mean irradiance, W/m2.
     pub irradiance: [f32; 3],
-    /// Largest deviation, in any channel, of any leaf below from `irradiance`, W/m2; 0 for a leaf.
-    pub spread: f32,
-}
-
-/// Light of a sector node: area-weighted means over the patch sides below.
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct SectorLight {
-    /// Its name.
-    pub name: u64,
-    /// Radiosity, W/m2.
-    pub radiosity: [f32; 3],
-    /// Irradiance, W/m2.
-    pub irradiance: [f32; 3],
-    /// Largest deviation, in any channel, of the radiosity of any leaf below, W/m2.
-    pub spread: f32,
+    /// Change of irradiance along the frame's first axis, W/m3; 0 unless a leaf.
+    pub slope_u: [f32; 3],
+    /// Along the second.
+    pub slope_v: [f32; 3],
     /// 0.
     pub reserved: u32,
+}
+
+/// A row, as it was measured last: the line through what arrives, of one part of the light, and how good it is. It holds
+/// for all leaves below its element.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct RowLight {
+    /// Its element.
+    pub name: u64,
+    /// Mean irradiance, W/m2.
+    pub irradiance: [f32; 3],
+    /// See [`ElementLight`].
+    pub slope_u: [f32; 3],
+    /// See [`ElementLight`].
+    pub slope_v: [f32; 3],
+    /// Mean squared deviation of the light from any line, signed, (W/m2)2.
+    pub structure: f32,
+    /// Standard error of that, (W/m2)2.
+    pub structure_error: f32,
+    /// What of the structure stands out from the noise, (W/m2)2.
+    pub found: f32,
+    /// Mean squared error of the line for want of rays, (W/m2)2.
+    pub noise: f32,
+    /// Rays of each half from each place.
+    pub rounds: u16,
+    /// 0 direct, 1 indirect.
+    pub part: u16,
 }
 
 /// A radiosity extent's arrays.
@@ -56,8 +71,8 @@ pub struct SectorLight {
 pub struct LightView<'a> {
     /// Where levels start.
     pub head: &'a LightHead,
-    /// Sector nodes, by name.
-    pub sectors: &'a [SectorLight],
+    /// Rows, by name and part.
+    pub rows: &'a [RowLight],
     /// Elements, level by level, each by name.
     pub elements: &'a [ElementLight],
 }
@@ -66,7 +81,7 @@ impl<'a> LightView<'a> {
     /// Borrows the arrays of a payload.
     pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
         let arrays = Arrays::new(payload);
-        let view = Self { head: arrays.one(0)?, sectors: arrays.get(1)?, elements: arrays.get(2)? };
+        let view = Self { head: arrays.one(0)?, rows: arrays.get(1)?, elements: arrays.get(2)? };
         let starts = &view.head.level_start;
         if starts[0] != 0 || starts.windows(2).any(|w| w[0] > w[1]) || starts[15] as usize != view.elements.len() {
             return Err("levels do not cover the elements".to_owned());
@@ -126,7 +141,7 @@ mod tests {
         let head =
             LightHead { channels: 3, level_start: std::array::from_fn(|i| u32::from(i > 0)), ..LightHead::zeroed() };
         let element = ElementLight { name: root.0, ..ElementLight::zeroed() };
-        let payload = ArraysBuilder::default().with(&[head]).with::<SectorLight>(&[]).with(&[element]).finish();
+        let payload = ArraysBuilder::default().with(&[head]).with::<RowLight>(&[]).with(&[element]).finish();
         let mut words = vec![0u128; payload.len().div_ceil(16)];
         bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(&payload);
         let view = LightView::parse(&bytemuck::cast_slice(&words)[..payload.len()]).unwrap();

@@ -1,25 +1,11 @@
-//! Link extents: for each receiving node of a cluster, in order of name, its links (CSR).
+//! Link extents: the rows of a cluster, by name of their element and part, with what their rays found (CSR).
 //!
-//! A base holds all rows; a delta holds whole rows of the receivers that changed (an empty row
-//! deletes). The newest row along the version's chain wins. The closure array is always whole.
+//! A base holds all rows; a delta holds whole rows that changed (one without rounds deletes). The newest row along the
+//! version's chain wins.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::Arrays;
-
-/// How much of a link's source its receiver sees.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Visibility {
-    /// Sampled by rays.
-    Partial = 0,
-    /// Proved: nothing lies between.
-    Visible = 1,
-    /// Proved: something blocks all of it.
-    Hidden = 2,
-    /// Part of a survey: all that a receiver sees of what does not emit, measured by its own rays.
-    Surveyed = 3,
-}
 
 /// One per link extent.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -30,36 +16,51 @@ pub struct LinksHead {
     /// 0.
     pub reserved: u32,
     /// Rows.
-    pub receivers: u64,
-    /// Links.
-    pub links: u64,
-    /// 0.
-    pub reserved2: u64,
+    pub rows: u64,
+    /// Lamps that rays reached.
+    pub shares: u64,
+    /// Places that rays met.
+    pub hits: u64,
 }
 
-/// What closes the row of one leaf: each link counts as a scale times its form factor plus a correction
-/// times its standard error. See `transport::closure`.
+/// A row.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct LeafClosure {
-    /// The leaf's name.
-    pub leaf: u64,
-    /// What the form factors of the leaf's own links are multiplied by.
-    pub own_scale: f32,
-    /// What their standard errors are multiplied by, to be added.
-    pub own_correction: f32,
-    /// What the form factors of links of elements above it are multiplied by.
-    pub above_scale: f32,
-    /// What their standard errors are multiplied by, to be added.
-    pub above_correction: f32,
-    /// Form factor to the escape, after closing.
-    pub escape: f32,
-    /// Form factor that no link accounts for, after closing.
-    pub unlinked: f32,
-    /// Sum of the form factors of all links, after closing.
-    pub closed_sum: f32,
-    /// Form factor to the escape as measured by rays.
-    pub measured_escape: f32,
+pub struct RowHead {
+    /// Its element.
+    pub element: u64,
+    /// First entry, among shares for direct light, among hits for indirect.
+    pub first: u64,
+    /// Entries.
+    pub count: u32,
+    /// 0 direct, 1 indirect.
+    pub part: u16,
+    /// Rays of each half from each place; 0: there is no such row any more.
+    pub rounds: u16,
+    /// Bit i: place i is open.
+    pub open: u16,
+    /// 0.
+    pub reserved: [u16; 3],
+}
+
+/// A lamp that a ray from a place reached.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct StoredShare {
+    /// Index of the lamp in the dictionary times 32, plus twice the place, plus the half.
+    pub lamp_slot: u32,
+    /// Irradiance at the place for an exitance of 1, were it the half's only ray from there.
+    pub factor: f32,
+}
+
+/// Where a ray over the hemisphere ended.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct StoredHit {
+    /// Index of the side in the dictionary.
+    pub side: u32,
+    /// The place, in 65,535ths of what the patch reaches along the axes of its frame.
+    pub at: [u16; 2],
 }
 
 /// A link extent's arrays.
@@ -67,84 +68,70 @@ pub struct LeafClosure {
 pub struct LinksView<'a> {
     /// Base or delta.
     pub head: &'a LinksHead,
-    /// Names of the receivers, ascending.
-    pub receivers: &'a [u64],
-    /// First link of each row, then the number of links.
-    pub row_start: &'a [u64],
-    /// Distinct names of the sources, ascending.
-    pub sources: &'a [u64],
-    /// Per link: visibility class in the top 2 bits, index into `sources` below.
-    pub packed: &'a [u32],
-    /// Per link: form factor, visibility included.
-    pub form_factor: &'a [f32],
-    /// Per link: largest deviation of the form factor over the receiver; of a surveyed link the bits of four
-    /// bytes, what each quarter of the receiver sees relative to the whole, in 64ths.
-    pub spread: &'a [f32],
-    /// Per link: standard error of the form factor from sampled visibility.
-    pub uncertainty: &'a [f32],
-    /// Per leaf with closed rows, ascending.
-    pub closure: &'a [LeafClosure],
+    /// Rows, ascending by element and part.
+    pub rows: &'a [RowHead],
+    /// Distinct names of whole sides, ascending; the last may be the escape.
+    pub sides: &'a [u64],
+    /// Of direct rows.
+    pub shares: &'a [StoredShare],
+    /// Of indirect rows: round by round, place by place, half by half.
+    pub hits: &'a [StoredHit],
 }
 
-/// Bits of a packed link that hold the index.
-pub const INDEX_BITS: u32 = 30;
-
-/// Packs class and dictionary index.
-#[must_use]
-pub fn pack(class: Visibility, index: u32) -> u32 {
-    debug_assert!(index < 1 << INDEX_BITS);
-    (class as u32) << INDEX_BITS | index
-}
-
-/// The class of a packed link.
-#[must_use]
-pub fn class_of(packed: u32) -> Visibility {
-    match packed >> INDEX_BITS {
-        1 => Visibility::Visible,
-        2 => Visibility::Hidden,
-        3 => Visibility::Surveyed,
-        _ => Visibility::Partial,
-    }
-}
-
-/// The dictionary index of a packed link.
-#[must_use]
-pub fn index_of(packed: u32) -> usize {
-    (packed & ((1 << INDEX_BITS) - 1)) as usize
-}
+/// Entries of the dictionary that shares can name.
+pub const MOST_LAMPS: usize = 1 << 27;
 
 impl<'a> LinksView<'a> {
     /// Borrows the arrays of a payload.
     pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
         let a = Arrays::new(payload);
-        let view = Self {
-            head: a.one(0)?,
-            receivers: a.get(1)?,
-            row_start: a.get(2)?,
-            sources: a.get(3)?,
-            packed: a.get(4)?,
-            form_factor: a.get(5)?,
-            spread: a.get(6)?,
-            uncertainty: a.get(7)?,
-            closure: a.get(8)?,
-        };
-        let links = view.packed.len();
-        let lengths_agree = view.row_start.len() == view.receivers.len() + 1
-            && view.row_start.last() == Some(&(links as u64))
-            && view.row_start.windows(2).all(|w| w[0] <= w[1])
-            && [view.form_factor.len(), view.spread.len(), view.uncertainty.len()] == [links; 3];
-        if !lengths_agree {
-            return Err("rows do not cover the links".to_owned());
+        let view = Self { head: a.one(0)?, rows: a.get(1)?, sides: a.get(2)?, shares: a.get(3)?, hits: a.get(4)? };
+        let (mut shares, mut hits) = (0u64, 0u64);
+        for row in view.rows {
+            let next = if row.part == 0 { &mut shares } else { &mut hits };
+            if row.part > 1 || row.first != *next {
+                return Err("rows do not cover the entries".to_owned());
+            }
+            *next += u64::from(row.count);
         }
-        if view.packed.iter().any(|&p| index_of(p) >= view.sources.len()) {
-            return Err("a link names a source that is not in the dictionary".to_owned());
+        if shares != view.shares.len() as u64 || hits != view.hits.len() as u64 {
+            return Err("rows do not cover the entries".to_owned());
+        }
+        let sides = view.sides.len();
+        if view.shares.iter().any(|s| (s.lamp_slot >> 5) as usize >= sides)
+            || view.hits.iter().any(|h| h.side as usize >= sides)
+        {
+            return Err("an entry names a side that is not in the dictionary".to_owned());
         }
         Ok(view)
     }
 
-    /// The links of row `row`.
+    /// What the rays of a row met, of the two kinds the one that it has.
     #[must_use]
-    pub fn row(&self, row: usize) -> std::ops::Range<usize> {
-        self.row_start[row] as usize..self.row_start[row + 1] as usize
+    pub fn entries(&self, row: &RowHead) -> (&'a [StoredShare], &'a [StoredHit]) {
+        let range = row.first as usize..row.first as usize + row.count as usize;
+        if row.part == 0 { (&self.shares[range], &[]) } else { (&[], &self.hits[range]) }
+    }
+}
+
+/// Calls `visit` with the newest row of every element and part of a chain of extents (base first), in order.
+pub fn for_each_row<'a>(chain: &[LinksView<'a>], mut visit: impl FnMut(usize, &'a RowHead)) {
+    let key = |row: &RowHead| (row.element, row.part);
+    let mut next = vec![0usize; chain.len()];
+    loop {
+        let least = chain.iter().zip(&next).filter_map(|(view, &n)| view.rows.get(n)).map(key).min();
+        let Some(least) = least else { return };
+        let mut newest = None;
+        for (index, (view, n)) in chain.iter().zip(&mut next).enumerate() {
+            if let Some(row) = view.rows.get(*n).filter(|row| key(row) == least) {
+                newest = Some((index, row));
+                *n += 1;
+            }
+        }
+        if let Some((index, row)) = newest
+            && row.rounds > 0
+        {
+            visit(index, row);
+        }
     }
 }

@@ -42,6 +42,12 @@ fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
 pub struct Covering(Vec<RayPatch>);
 
 impl Covering {
+    /// Whether a place of that side lies under one of them.
+    #[must_use]
+    pub fn covers(&self, place: DVec3) -> bool {
+        self.0.iter().any(|p| distances(p, patch_normal(p), place).0 <= 0.0)
+    }
+
     /// Share of an element of that side that is seen.
     #[must_use]
     pub fn shown_share(&self, element: &Node) -> f64 {
@@ -50,8 +56,7 @@ impl Covering {
         }
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
         let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| (i, j)));
-        let is_shown = |point: DVec3| self.0.iter().all(|p| distances(p, patch_normal(p), point).0 > 0.0);
-        let shown = places.filter(|&(i, j)| is_shown(element.shape.point(middle(i), middle(j)))).count();
+        let shown = places.filter(|&(i, j)| !self.covers(element.shape.point(middle(i), middle(j)))).count();
         shown as f64 / f64::from(PLACES * PLACES)
     }
 }

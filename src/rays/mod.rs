@@ -1,4 +1,4 @@
-//! Rays: box hierarchies built by obvhs, our own edge-safe traversal, shafts. Pure: slices in, hits out.
+//! Rays: box hierarchies built by obvhs, our own edge-safe traversal. Pure: slices in, hits out.
 
 pub mod build;
 pub mod emitters;
@@ -7,7 +7,6 @@ pub mod locate;
 pub mod node;
 pub mod recent;
 pub mod scene;
-pub mod shaft;
 pub mod traverse;
 
 pub use emitters::Emitters;

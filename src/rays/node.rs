@@ -60,17 +60,4 @@ impl Node {
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point - self.shape.corners()[0])
     }
-
-    /// Whether part of each lies in front of the other by more than rounding.
-    #[must_use]
-    pub fn faces(&self, other: &Self, slack_m: f64) -> bool {
-        other.shape.corners().iter().any(|c| self.height(*c) > slack_m)
-            && self.shape.corners().iter().any(|c| other.height(*c) > slack_m)
-    }
-
-    /// The part of this node's shape that lies in front of `other`.
-    #[must_use]
-    pub fn in_front_of(&self, other: &Self) -> Polygon {
-        self.shape.clip(other.normal, other.normal.dot(other.shape.corners()[0]))
-    }
 }

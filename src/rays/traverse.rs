@@ -7,7 +7,6 @@
 use glam::{DVec3, Vec3A};
 
 use super::scene::{PatchKey, RayScene, Structure};
-use super::shaft::Blockers;
 use crate::base::PatchSide;
 use crate::geom::bounds::Bounds;
 use crate::model::rays::{DEEPEST, RayNode, RayPatch};
@@ -223,9 +222,9 @@ impl<'a> RayScene<'a> {
         })
     }
 
-    /// Whether anything lies between two points on two patches, or those coincide; neither patch counts. `among`: all that may.
+    /// Whether anything lies between two points on two patches, or those coincide; neither patch counts.
     #[must_use]
-    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd, among: &Blockers<'_>) -> bool {
+    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
         // Nothing passes between faces that coincide, whatever rounding has put between them.
         let gap = (to - from).dot(start.normal).abs();
         if gap <= self.snap_m && start.normal.dot(end.normal).abs() > PARALLEL {
@@ -249,12 +248,6 @@ impl<'a> RayScene<'a> {
             }
             t > 0.0 && t < 1.0
         };
-        if let Some(among) = among {
-            return among.iter().any(|(cluster, patch)| {
-                let key = PatchKey { cluster: *cluster, patch: patch.patch };
-                ray.meets(patch).is_some_and(|t| t >= -before && t <= 1.0 + after && blocks(key, patch, t))
-            });
-        }
         let mut blocked = false;
         self.visit(&ray, -before, 1.0 + after, |of, patch, t, _| {
             blocked = blocks(of.key(patch), patch, t);

@@ -1,5 +1,5 @@
-//! Smooth light over one patch side: values at element corners are means of the leaves that meet
-//! there; inside a leaf they are interpolated. Never across patches, so never through walls.
+//! Smooth light over one patch side: values at element corners are means of what the leaves that meet
+//! there predict; inside a leaf they are interpolated. Never across patches, so never through walls.
 
 use std::collections::HashMap;
 
@@ -16,13 +16,13 @@ pub struct SmoothSide {
 }
 
 impl SmoothSide {
-    /// From its patch, the side's leaves and what each has.
+    /// From its patch, the side's leaves and what each has at its corners.
     #[must_use]
-    pub fn new(patch: Polygon, leaves: impl Iterator<Item = (NodeName, Rgb)>) -> Self {
+    pub fn new(patch: Polygon, leaves: impl Iterator<Item = (NodeName, [Rgb; 4])>) -> Self {
         let mut corners: HashMap<GridPoint, (Rgb, f64)> = HashMap::new();
-        for (leaf, value) in leaves {
+        for (leaf, values) in leaves {
             let (points, count) = element_corners(&patch, leaf.path());
-            for point in &points[..count] {
+            for (point, value) in points[..count].iter().zip(values) {
                 let (sum, leaves) = corners.entry(*point).or_default();
                 (*sum, *leaves) = (*sum + value, *leaves + 1.0);
             }
@@ -81,7 +81,7 @@ mod tests {
     fn a_corner_has_the_mean_of_the_leaves_that_meet_there() {
         let square = Polygon::new(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]);
         let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let leaves = (0..4).map(|q| (root.child(q), Rgb::grey(f64::from(q))));
+        let leaves = (0..4).map(|q| (root.child(q), [Rgb::grey(f64::from(q)); 4]));
         let side = SmoothSide::new(square, leaves);
         let shape = quadtree::child(&square, 2);
         let at = |point: DVec3| side.at(root.child(2), &shape, point).0[0];

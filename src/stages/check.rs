@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::link_levels::{self, LevelCount};
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Progress, Result};
 use crate::model::ExtentKind;
@@ -44,8 +43,6 @@ pub struct Summary {
     pub segments: u64,
     /// Bytes whose checksums are right.
     pub bytes_verified: u64,
-    /// Links of the newest version; none where anything is damaged.
-    pub links_by_level: Vec<LevelCount>,
     /// The command to type next.
     pub next: Option<String>,
 }
@@ -55,7 +52,6 @@ impl super::summary::Summary for Summary {
         let mib = self.bytes_verified as f64 / f64::from(1 << 20);
         let mut lines =
             vec![format!("{} segments, {mib:.1} MiB verified, {} damages", self.segments, self.damages_total)];
-        lines.extend(self.links_by_level.iter().map(LevelCount::line));
         lines.extend(self.damages.iter().map(|d| format!("{}: {} {}: {}", shown(&d.path), d.kind, d.id, d.detail)));
         lines
     }
@@ -257,9 +253,6 @@ fn verify(store: &Store, progress: &dyn Progress) -> Result<Summary> {
     }
     checker.whole("segments", |checker| checker.segments(progress))?;
     let mut summary = checker.summary;
-    if summary.damages.is_empty() && has_model {
-        summary.links_by_level = link_levels::count(store)?;
-    }
     summary.next = Some(if summary.damages.is_empty() {
         format!("clerestory status {}", for_shell(store.dir()))
     } else {

@@ -1,90 +1,32 @@
-//! The links of a group while it is relaxed: streamed from the store, with those inside the group
-//! decoded to positions in a cache of bounded bytes; or, with `--links discard`, made again whenever
-//! they have dropped out of it.
+//! The rows of a group while it is relaxed: streamed from the store, what comes from within the group resolved to leaves
+//! and held in a cache of bounded bytes.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
+use super::link_extent::rows_of;
 use super::working_set::WorkingSet;
-use crate::base::{ClusterId, NodeName, Result, Rgb};
+use crate::base::{ClusterId, NodeName, PatchSide, Result};
 use crate::model::ExtentKind;
-use crate::model::links::{LinksView, index_of};
+use crate::model::links::{LinksView, for_each_row};
 use crate::store::Extent;
 use crate::store::tasks::UpdateRow;
-use crate::transport::link_rows::{self, Link};
-use crate::transport::relax::{InnerLink, InnerLinks, Member};
-use crate::transport::row_parts;
-use crate::transport::source_memo::SourceMemo;
+use crate::transport::iterate::relax::{Inside, Member};
+use crate::transport::light::line::{Halves, PLACES};
+use crate::transport::light::lit::{Lights, LitCluster};
+use crate::transport::row::Row;
 
 /// A cluster's link extents, base first.
-pub struct Chain(Vec<Extent>);
+pub enum Chain {
+    /// As stored.
+    Stored(Vec<Extent>),
+    /// Made by this visit, and kept nowhere.
+    InMemory(Rc<Vec<u64>>),
+}
 
 impl Chain {
-    /// Their arrays.
-    pub fn views(&self) -> Result<Vec<LinksView<'_>>> {
-        self.0.iter().map(|e| e.parse(LinksView::parse)).collect()
-    }
-}
-
-/// Makes a cluster's links anew.
-pub type Recompute<'a> = &'a dyn Fn(usize) -> Result<Vec<(NodeName, Vec<Link>)>>;
-
-/// Where the links of a group's clusters come from.
-pub struct LinkStore<'a, 's> {
-    /// The version that is read.
-    pub set: &'a WorkingSet<'s>,
-    /// What links lead to.
-    pub sources: &'a SourceMemo,
-    /// The group's clusters, ascending.
-    pub clusters: &'a [ClusterId],
-    /// Link extents written by this visit.
-    pub new: &'a [UpdateRow],
-    /// For links that are not kept.
-    pub recompute: Recompute<'a>,
-    /// Whether links are kept.
-    pub keep: bool,
-}
-
-/// Sources that links are asked for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Wanted {
-    /// Those outside the group, by their radiosity.
-    Outside,
-    /// Those inside, by their position; the light of others is not looked up.
-    Inside,
-}
-
-/// What the names of a dictionary stand for during a visit.
-pub struct SourceTable(Vec<Place>);
-
-#[derive(Clone, Copy)]
-enum Place {
-    Outside(Rgb),
-    Inside(u32),
-}
-
-impl SourceTable {
-    /// Radiosity of a source outside the group, W/m2.
-    #[must_use]
-    pub fn outside(&self, source: usize) -> Option<Rgb> {
-        match self.0[source] {
-            Place::Outside(radiosity) => Some(radiosity),
-            Place::Inside(_) => None,
-        }
-    }
-
-    /// Position of a source inside the group.
-    #[must_use]
-    pub fn inside(&self, source: usize) -> Option<u32> {
-        match self.0[source] {
-            Place::Outside(_) => None,
-            Place::Inside(position) => Some(position),
-        }
-    }
-}
-
-impl<'s> LinkStore<'_, 's> {
-    /// A cluster's extents: those of the version, and `new` behind or instead of them.
-    pub fn chain(set: &WorkingSet<'s>, id: ClusterId, new: Option<&UpdateRow>) -> Result<Chain> {
+    /// Those of a version, and `new` behind or instead of them.
+    pub fn of(set: &WorkingSet<'_>, id: ClusterId, new: Option<&UpdateRow>) -> Result<Self> {
         let store = set.snapshot().store();
         let mut extents = match new {
             Some(row) if !row.delta => Vec::new(),
@@ -93,146 +35,228 @@ impl<'s> LinkStore<'_, 's> {
         if let Some(row) = new {
             extents.push(store.extent(row.at, ExtentKind::Links)?);
         }
-        Ok(Chain(extents))
+        Ok(Self::Stored(extents))
     }
 
-    fn resolve(&self, names: &[u64], members: &[Member], wanted: Wanted) -> Result<SourceTable> {
-        let mut places = Vec::with_capacity(names.len());
-        for &name in names {
-            let name = NodeName(name);
-            places.push(match self.clusters.binary_search(&name.cluster()) {
-                Ok(index) => {
-                    let member = &members[index];
-                    Place::Inside((member.first + member.mesh.position(name)) as u32)
-                }
-                Err(_) if wanted == Wanted::Inside => Place::Outside(Rgb::BLACK),
-                Err(_) => Place::Outside(self.sources.source(self.set, name)?.light.radiosity),
-            });
+    /// Their arrays.
+    pub fn views(&self) -> Result<Vec<LinksView<'_>>> {
+        match self {
+            Self::Stored(extents) => extents.iter().map(|e| e.parse(LinksView::parse)).collect(),
+            Self::InMemory(payload) => {
+                let view = LinksView::parse(bytemuck::cast_slice(payload));
+                Ok(vec![view.expect("just made")])
+            }
         }
-        Ok(SourceTable(places))
     }
 
-    /// Calls `visit` with every link of a member, in the order of the store: (sources, position of the
-    /// receiver in the member's mesh, position of the source in the table, link).
-    pub fn visit(
-        &self,
-        index: usize,
-        members: &[Member],
-        wanted: Wanted,
-        mut visit: impl FnMut(&SourceTable, usize, usize, &Link),
-    ) -> Result<()> {
-        let mesh = &members[index].mesh;
-        if !self.keep {
-            for (receiver, row) in (self.recompute)(index)? {
-                let names: Vec<u64> = row.iter().map(|l| l.source.0).collect();
-                let table = self.resolve(&names, members, wanted)?;
-                for (at, link) in row.iter().enumerate() {
-                    visit(&table, mesh.position(receiver), at, link);
-                }
-            }
-            return Ok(());
-        }
-        let id = self.clusters[index];
-        let new = self.new.iter().find(|r| r.cluster == id && r.kind == ExtentKind::Links);
-        let chain = Self::chain(self.set, id, new)?;
-        let views = chain.views()?;
-        let tables: Vec<_> = views.iter().map(|v| self.resolve(v.sources, members, wanted)).collect::<Result<_>>()?;
-        link_rows::for_each_row(&views, |receiver, view, range| {
-            let table = &tables[views.iter().position(|v| std::ptr::eq(v, view)).expect("one of the views")];
-            let receiver = mesh.position(receiver);
-            for at in range {
-                visit(table, receiver, index_of(view.packed[at]), &link_rows::link_at(view, at));
-            }
-        });
-        Ok(())
+    /// Their rows.
+    pub fn rows(&self) -> Result<Vec<Row>> {
+        Ok(rows_of(&self.views()?))
     }
 }
 
-/// Links within the group, decoded, as many as there is room for. A member's links are counted when they are first
-/// streamed and held from the second time on: so no more is taken than they need. What is held stays: sweeps go round,
-/// and what was used least recently is what is needed next.
+/// Where rows of a group's clusters come from.
+pub struct RowStore<'a, 's> {
+    /// The version that is read.
+    pub set: &'a WorkingSet<'s>,
+    /// The group's clusters, ascending.
+    pub clusters: &'a [ClusterId],
+    /// Extents written by this visit.
+    pub new: &'a [UpdateRow],
+    /// The rows of each cluster, where links are not kept.
+    pub in_memory: &'a [Rc<Vec<u64>>],
+}
+
+/// What a name of a dictionary stands for during a visit.
+enum Place {
+    /// A side of a member.
+    Inside(u16, PatchSide),
+    /// A side of another cluster.
+    Outside(Rc<LitCluster>, PatchSide),
+    /// Nowhere, or not asked for.
+    Nowhere,
+}
+
+/// What comes from one place within the group to one slot of a row.
+#[derive(Clone, Copy)]
+struct Entry {
+    leaf: u32,
+    member: u16,
+    slot: u16,
+    at: [f32; 2],
+}
+
+/// Rows of a member with what comes from within the group.
+#[derive(Default)]
+struct Resolved {
+    /// Number of the row in the mesh, its first entry, share of a ray.
+    rows: Vec<(u32, u32, f32)>,
+    entries: Vec<Entry>,
+}
+
+impl Resolved {
+    fn bytes(&self) -> u64 {
+        (size_of_val(self.rows.as_slice()) + size_of_val(self.entries.as_slice())) as u64
+    }
+}
+
+/// Which places a name of a dictionary is looked up for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    Outside,
+    Inside,
+}
+
+impl RowStore<'_, '_> {
+    fn chain(&self, index: usize) -> Result<Chain> {
+        if let Some(payload) = self.in_memory.get(index) {
+            return Ok(Chain::InMemory(payload.clone()));
+        }
+        let id = self.clusters[index];
+        let new = self.new.iter().find(|r| r.cluster == id && r.kind == ExtentKind::Links);
+        Chain::of(self.set, id, new)
+    }
+
+    fn places(&self, names: &[u64], wanted: Wanted) -> Result<Vec<Place>> {
+        let place = |&name: &u64| {
+            let name = NodeName(name);
+            if name == NodeName::ESCAPE {
+                return Ok(Place::Nowhere);
+            }
+            Ok(match self.clusters.binary_search(&name.cluster()) {
+                Ok(_) if wanted == Wanted::Outside => Place::Nowhere,
+                Ok(index) => Place::Inside(index as u16, name.patch_side()),
+                Err(_) if wanted == Wanted::Inside => Place::Nowhere,
+                Err(_) => Place::Outside(self.set.lit(name.cluster())?, name.patch_side()),
+            })
+        };
+        names.iter().map(place).collect()
+    }
+
+    /// What every row of a member receives from lamps and from outside the group, and the share of its rays that leaves
+    /// the model.
+    pub fn external(&self, index: usize) -> Result<(Vec<Halves>, Vec<f32>)> {
+        let chain = self.chain(index)?;
+        let views = chain.views()?;
+        let places: Vec<_> = views.iter().map(|v| self.places(v.sides, Wanted::Outside)).collect::<Result<_>>()?;
+        let exitances: Vec<Vec<[f32; 3]>> = views
+            .iter()
+            .map(|v| v.sides.iter().map(|&name| self.exitance(NodeName(name))).collect())
+            .collect::<Result<_>>()?;
+        let (mut external, mut escapes) = (Vec::new(), Vec::new());
+        for_each_row(&views, |of, head| {
+            let (view, places) = (&views[of], &places[of]);
+            let mut halves = Halves::default();
+            let (shares, hits) = view.entries(head);
+            let weight = 1.0 / f32::from(head.rounds);
+            for share in shares {
+                let slot = (share.lamp_slot & 31) as usize;
+                let exitance = exitances[of][(share.lamp_slot >> 5) as usize];
+                add(&mut halves, slot, exitance, share.factor * weight);
+            }
+            let mut gone = 0u32;
+            for (hit, slot) in hits.iter().zip(slots(head.open)) {
+                gone += u32::from(view.sides[hit.side as usize] == NodeName::ESCAPE.0);
+                if let Place::Outside(lit, side) = &places[hit.side as usize] {
+                    add(&mut halves, slot, lit.leaving_from(*side, hit.at), weight);
+                }
+            }
+            external.push(halves);
+            escapes.push(gone as f32 / hits.len().max(1) as f32);
+        });
+        Ok((external, escapes))
+    }
+
+    fn exitance(&self, name: NodeName) -> Result<[f32; 3]> {
+        if name == NodeName::ESCAPE {
+            return Ok([0.0; 3]);
+        }
+        use crate::transport::source::Loaded;
+        let mapped = self.set.mapped(name.cluster())?;
+        Ok(mapped.view().materials[name.patch_side().index()].exitance)
+    }
+
+    /// What comes to a member from within the group.
+    fn resolve(&self, index: usize, members: &[Member]) -> Result<Resolved> {
+        let chain = self.chain(index)?;
+        let views = chain.views()?;
+        let places: Vec<_> = views.iter().map(|v| self.places(v.sides, Wanted::Inside)).collect::<Result<_>>()?;
+        let mut number = 0;
+        let mut resolved = Resolved::default();
+        for_each_row(&views, |of, head| {
+            if head.part == 1 {
+                let first = resolved.entries.len() as u32;
+                resolved.rows.push((number, first, 1.0 / f32::from(head.rounds)));
+                for (hit, slot) in views[of].entries(head).1.iter().zip(slots(head.open)) {
+                    if let Place::Inside(member, side) = places[of][hit.side as usize] {
+                        let lit = &members[usize::from(member)].lit;
+                        let (leaf, at) = lit.leaf_at(side, lit.frame(side.patch).unpack(hit.at));
+                        resolved.entries.push(Entry { leaf, member, slot: slot as u16, at });
+                    }
+                }
+            }
+            number += 1;
+        });
+        Ok(resolved)
+    }
+}
+
+/// Slots of a row's hits in their order.
+fn slots(open: u16) -> impl Iterator<Item = usize> {
+    let places: Vec<usize> = (0..PLACES).filter(|i| open & (1 << i) != 0).collect();
+    let count = 2 * places.len();
+    (0..).map(move |i: usize| {
+        let at = i % count.max(1);
+        2 * places[at / 2] + at % 2
+    })
+}
+
+fn add(halves: &mut Halves, slot: usize, light: [f32; 3], weight: f32) {
+    for (sum, x) in halves[slot / 2][slot % 2].iter_mut().zip(light) {
+        *sum += weight * x;
+    }
+}
+
+/// What comes from within the group, held as far as there is room: what is held stays, since sweeps go round, and what
+/// was used least recently is what is needed next.
 pub struct GroupLinks<'a, 's> {
-    store: &'a LinkStore<'a, 's>,
-    held: HashMap<usize, Vec<InnerLink>>,
-    /// Links of members streamed before.
-    counts: HashMap<usize, usize>,
+    store: &'a RowStore<'a, 's>,
+    held: HashMap<usize, Resolved>,
     bytes: u64,
     limit_bytes: u64,
-    reused: u64,
-    recomputed: u64,
 }
 
 impl<'a, 's> GroupLinks<'a, 's> {
     /// An empty cache.
     #[must_use]
-    pub fn new(store: &'a LinkStore<'a, 's>, limit_bytes: u64) -> Self {
-        let (held, counts) = (HashMap::new(), HashMap::new());
-        Self { store, held, counts, bytes: 0, limit_bytes, reused: 0, recomputed: 0 }
-    }
-
-    /// Links used again without being evaluated again.
-    #[must_use]
-    pub fn reused(&self) -> u64 {
-        self.reused
-    }
-
-    /// Links evaluated again because they had been dropped.
-    #[must_use]
-    pub fn recomputed(&self) -> u64 {
-        self.recomputed
-    }
-
-    /// Room for a member's links, if there is any.
-    fn room(&self, index: usize) -> Option<Vec<InnerLink>> {
-        // Links that would have to be made again are worth holding at once.
-        let count = if self.store.keep { *self.counts.get(&index)? } else { 0 };
-        self.has_room(count).then(|| Vec::with_capacity(count))
-    }
-
-    fn has_room(&self, links: usize) -> bool {
-        self.bytes + bytes_of(links) <= self.limit_bytes
+    pub fn new(store: &'a RowStore<'a, 's>, limit_bytes: u64) -> Self {
+        Self { store, held: HashMap::new(), bytes: 0, limit_bytes }
     }
 }
 
-fn bytes_of(links: usize) -> u64 {
-    (links * size_of::<InnerLink>()) as u64
+fn gather(resolved: &Resolved, member: &Member, members: &[Member], visit: &mut dyn FnMut(usize, &Halves)) {
+    let ends = resolved.rows.iter().skip(1).map(|r| r.1).chain([resolved.entries.len() as u32]);
+    for (&(row, first, weight), end) in resolved.rows.iter().zip(ends) {
+        let mut halves = member.external[row as usize];
+        for entry in &resolved.entries[first as usize..end as usize] {
+            let light = members[usize::from(entry.member)].lit.leaving(entry.leaf, entry.at);
+            add(&mut halves, usize::from(entry.slot), light, weight);
+        }
+        visit(row as usize, &halves);
+    }
 }
 
-impl InnerLinks for GroupLinks<'_, '_> {
-    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
+impl Inside for GroupLinks<'_, '_> {
+    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(usize, &Halves)) -> Result<()> {
         if let Some(known) = self.held.get(&index) {
-            self.reused += known.len() as u64;
-            known.iter().for_each(visit);
+            gather(known, &members[index], members, visit);
             return Ok(());
         }
-        let mut held = self.room(index);
-        let mut count = 0;
-        let mesh = &members[index].mesh;
-        self.store.visit(index, members, Wanted::Inside, |table, receiver, source, link| {
-            if let Some(source) = table.inside(source)
-                && link.form_factor > 0.0
-            {
-                let error = row_parts::error(link, mesh.is_leaf_at(receiver)) as f32;
-                let link = InnerLink { receiver: receiver as u32, source, form_factor: link.form_factor, error };
-                count += 1;
-                visit(&link);
-                if let Some(held) = &mut held {
-                    held.push(link);
-                }
-            }
-        })?;
-        self.counts.insert(index, count);
-        if self.store.keep {
-            self.reused += count as u64;
-        } else {
-            self.recomputed += count as u64;
-        }
-        if let Some(mut links) = held {
-            links.shrink_to_fit();
-            if self.has_room(links.capacity()) {
-                self.bytes += bytes_of(links.capacity());
-                self.held.insert(index, links);
-            }
+        let resolved = self.store.resolve(index, members)?;
+        gather(&resolved, &members[index], members, visit);
+        if self.bytes + resolved.bytes() <= self.limit_bytes {
+            self.bytes += resolved.bytes();
+            self.held.insert(index, resolved);
         }
         Ok(())
     }

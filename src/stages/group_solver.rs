@@ -1,43 +1,53 @@
-//! One visit to a group: refine its clusters' links, gather what comes from outside once, iterate
-//! what stays inside, and write what changed. A function of the version read, the group and the
-//! options alone.
+//! One visit to a group: make and refine its rows, gather what comes from outside once, iterate what stays inside, and
+//! write what changed. A function of the version read, the group and the options alone.
 
-use super::group_links::{GroupLinks, LinkStore, SourceTable, Wanted};
-use super::link_extent::LinkExtent;
+use std::cell::RefCell;
+use std::num::NonZeroUsize;
+use std::rc::Rc;
+
+use lru::LruCache;
+
+use super::group_links::{Chain, GroupLinks, RowStore};
+use super::link_extent::{LinkExtent, live_bytes};
 use super::working_set::WorkingSet;
+use glam::DVec3;
+
 use crate::base::{ClusterId, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::geom::sequence::{mix, unit};
 use crate::model::ExtentKind;
-use crate::model::links::LeafClosure;
 use crate::model::report::TaskReport;
 use crate::rays::RayScene;
-use crate::rays::locate::Covering;
 use crate::rays::node::Node;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
-use crate::transport::bundle::SideCache;
-use crate::transport::link_rows::{self, Link};
-use crate::transport::oracle::Tolerances;
-use crate::transport::push_pull::Gathered;
+use crate::transport::iterate::relax::{self, Inner, Member, Shapes};
+use crate::transport::light::lit::Lights;
+use crate::transport::light::lit::LitCluster;
+use crate::transport::measure::check::{Check, RAYS};
+use crate::transport::measure::lamps::LightTree;
 use crate::transport::records;
-use crate::transport::refine::{Context, Scope};
-use crate::transport::relax::{self, Inner, Member};
-use crate::transport::row_parts;
-use crate::transport::solve_cluster::{SolvedCluster, StoredLinks, Unsolved, solve_cluster};
-use crate::transport::source::Loaded;
-use crate::transport::source_memo::SourceMemo;
+use crate::transport::refine::{self, Around, Context, Refined, Sides};
+use crate::transport::row::{Hit, Part};
+use crate::transport::source::{ClusterView, Loaded};
 
 /// What shapes a visit's result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Errors that matter.
-    pub tolerances: Tolerances,
+    /// What is done about rows promises at least so much a ray; infinite where nothing is to be done.
+    pub threshold: f64,
+    /// What is brighter counts no more than this, W/m2.
+    pub cap_w_m2: f64,
+    /// The version that is read.
+    pub version: u64,
+    /// `--min-element`, m, or 0.
+    pub min_element_m: f64,
     /// When to stop within the group.
     pub inner: Inner,
     /// From `--seed`.
     pub seed: u64,
-    /// Which sources to link.
-    pub scope: Scope,
-    /// Whether nothing in the model emits: then there is nothing to link.
+    /// Whether light can come from everywhere; in the first iteration only lamps send.
+    pub is_complete: bool,
+    /// Whether nothing in the model emits: then there is nothing to measure.
     pub is_dark: bool,
     /// Whether links are kept in the store.
     pub keep_links: bool,
@@ -61,145 +71,156 @@ pub struct GroupSolver<'a, 's> {
     pub scene: RayScene<'a>,
     /// What shapes the result.
     pub settings: Settings,
-    /// Sides of clusters, as sector nodes bundle them.
-    pub sides: SideCache,
-    /// Sources that links lead to.
-    pub sources: SourceMemo,
+    /// Sides of clusters.
+    pub sides: &'a SidesCache,
     /// Where to report.
     pub progress: &'a dyn Progress,
 }
 
-impl<'a, 's> GroupSolver<'a, 's> {
+/// Clusters whose sides are held: about 16 KiB each.
+const HELD: NonZeroUsize = NonZeroUsize::new(1024).expect("not 0");
+
+/// Sides of clusters, which no version changes: looked for once.
+pub struct SidesCache(RefCell<LruCache<u32, Rc<Sides>>>);
+
+impl Default for SidesCache {
+    fn default() -> Self {
+        Self(RefCell::new(LruCache::new(HELD)))
+    }
+}
+
+impl SidesCache {
+    fn of(&self, view: &ClusterView<'_>, scene: &RayScene<'_>) -> Rc<Sides> {
+        if let Some(known) = self.0.borrow_mut().get(&view.id.0) {
+            return known.clone();
+        }
+        let sides = Rc::new(Sides::of(view, scene));
+        self.0.borrow_mut().put(view.id.0, sides.clone());
+        sides
+    }
+}
+
+/// The sides of a group's clusters, looked for once.
+struct GroupShapes<'a, 's> {
+    set: &'a WorkingSet<'s>,
+    clusters: &'a [ClusterId],
+    sides: RefCell<Vec<Rc<Sides>>>,
+}
+
+impl Shapes for GroupShapes<'_, '_> {
+    fn with(&self, index: usize, with: &mut dyn FnMut(&ClusterView<'_>, &Sides)) -> Result<()> {
+        let loaded = self.set.mapped(self.clusters[index])?;
+        let sides = self.sides.borrow()[index].clone();
+        with(&loaded.view(), &sides);
+        Ok(())
+    }
+}
+
+impl GroupSolver<'_, '_> {
+    fn context(&self) -> Context<'_> {
+        Context {
+            scene: self.scene,
+            clusters: self.set,
+            lights: self.set,
+            seed: self.settings.seed,
+            threshold: self.settings.threshold,
+            cap_w_m2: self.settings.cap_w_m2,
+            min_element_m: self.settings.min_element_m,
+            progress: self.progress,
+        }
+    }
+
     /// Solves the group of these clusters (ascending) and appends what changed to `writer`.
     pub fn solve(&self, clusters: &[ClusterId], writer: &mut SegmentWriter) -> Result<Solved> {
-        let mut report = TaskReport { complete: self.settings.scope == Scope::Everything, ..TaskReport::default() };
+        let mut report = TaskReport { complete: self.settings.is_complete, ..TaskReport::default() };
         let mut rows = Vec::new();
-        let (mut members, mut closures) = (Vec::new(), Vec::new());
-        let mut first = 0;
+        let (mut members, mut in_memory) = (Vec::new(), Vec::new());
+        let shapes = GroupShapes { set: self.set, clusters, sides: RefCell::default() };
         self.progress.begin("refine", "clusters", Some(clusters.len() as u64));
         for (done, &id) in clusters.iter().enumerate() {
-            let stored = if self.settings.keep_links { self.stored(id)? } else { StoredLinks::default() };
-            let refined = self.refine(id, stored)?;
-            report.work.links_evaluated += refined.counts.evaluated;
-            report.work.links_reused += refined.counts.reused;
+            let loaded = self.set.mapped(id)?;
+            let view = loaded.view();
+            let sides = self.sides.of(&view, &self.scene);
+            let refined = self.refine(id, &view, &sides)?;
             report.work.rays += refined.counts.rays;
-            let links: usize = refined.rows.iter().map(Vec::len).sum();
-            report.work.links_stored += links as u64;
-            if self.settings.keep_links && refined.stored_changed {
-                rows.push(self.write_links(&refined, writer)?);
+            report.work.links_evaluated += refined.counts.measured;
+            let entries: usize = refined.rows.iter().map(|row| row.len()).sum();
+            report.work.links_stored += entries as u64;
+            if !self.settings.keep_links {
+                let all = LinkExtent::new(false, refined.rows.iter().collect(), &[]);
+                in_memory.push(Rc::new(all.in_memory()?));
+            } else if !refined.gone.is_empty() || refined.changed.contains(&true) {
+                rows.push(self.write_links(id, &refined, entries, writer)?);
+            } else {
+                report.work.links_reused += entries as u64;
             }
-            let SolvedCluster { mesh, rows: written, closure, factors, .. } = refined;
-            let materials = self.set.mapped(id)?.view().materials.to_vec();
-            let member = Member { mesh, materials, external: Vec::new(), factors, first };
-            first += member.mesh.node_count();
-            members.push(member);
-            closures.push(closure);
+            let Refined { mesh, rows: written, .. } = refined;
+            let materials = view.materials.to_vec();
+            let lit = LitCluster::of(&mesh, view.geometry.patches, &materials);
+            let above = mesh.rows_above();
+            members.push(Member { mesh, materials, lit, above, external: Vec::new(), escapes: Vec::new() });
+            shapes.sides.borrow_mut().push(sides);
             drop(written);
-            if links * size_of::<Link>() > MANY_LINKS_BYTES {
+            if entries * size_of::<Hit>() > MANY_LINKS_BYTES {
                 segment::give_back_freed_memory();
             }
             self.progress.at(done as u64 + 1);
         }
-        // New links are read back through the mapping, like old ones.
+        // New rows are read back through the mapping, like old ones.
         writer.sync()?;
-        self.gather_and_relax(clusters, &mut members, &rows, &mut report)?;
+        let store = RowStore { set: self.set, clusters, new: &rows, in_memory: &in_memory };
+        self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
+        for (index, member) in members.iter_mut().enumerate() {
+            (member.external, member.escapes) = store.external(index)?;
+            self.progress.at(index as u64 + 1);
+        }
+        let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
+        let (inner, seed) = (self.settings.inner, self.settings.seed);
+        report.inner_sweeps = relax::relax(&mut members, &shapes, &mut links, inner, seed, self.progress)?;
+        report.q_max =
+            members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
         self.write_light(clusters, &members, writer, &mut rows)?;
-        for (member, closure) in members.iter().zip(&closures) {
-            self.count_energy(member, closure, &mut report)?;
+        for member in &members {
+            self.count_energy(member, &mut report)?;
+            self.count_error(member, &mut report)?;
+        }
+        if !self.settings.is_dark {
+            self.check(clusters, &members, &mut report)?;
         }
         report.work.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
         Ok(Solved { rows, report })
     }
 
-    /// Refines one cluster from these links against the light of the version.
-    fn refine(&self, id: ClusterId, stored: StoredLinks) -> Result<SolvedCluster> {
-        let context = Context {
-            scene: self.scene,
-            clusters: self.set,
-            tolerances: self.settings.tolerances,
-            seed: self.settings.seed,
-            scope: self.settings.scope,
-            sides: &self.sides,
-            sources: &self.sources,
-            progress: self.progress,
-        };
-        let loaded = self.set.mapped(id)?;
-        let (mut visible, found) = self.set.visible(id)?;
-        if self.settings.is_dark {
-            visible.clear();
-        }
-        solve_cluster(&context, Unsolved { view: loaded.view(), visible, found, stored })
+    /// Brings a cluster's rows up to date.
+    fn refine(&self, id: ClusterId, view: &ClusterView<'_>, sides: &Sides) -> Result<Refined> {
+        let stored = Chain::of(self.set, id, None)?.rows()?;
+        let (visible, found) = self.set.visible(id)?;
+        let visible = if self.settings.is_dark { Vec::new() } else { visible };
+        let around = Around { lamps: LightTree::of_clusters(self.set, &visible)?, escapes: found.escape > 0.0 };
+        refine::refine(&self.context(), *view, sides, &around, stored)
     }
 
-    /// A cluster's links in the version that is read.
-    fn stored(&self, id: ClusterId) -> Result<StoredLinks> {
-        let chain = LinkStore::chain(self.set, id, None)?;
-        let views = chain.views()?;
-        let mut rows = Vec::new();
-        link_rows::for_each_row(&views, |name, view, range| {
-            rows.push((name, range.map(|at| link_rows::link_at(view, at)).collect()));
-        });
-        Ok(StoredLinks { rows, closure: views.last().map_or_else(Vec::new, |newest| newest.closure.to_vec()) })
-    }
-
-    /// Writes a cluster's links: the rows that changed behind the chain they came from, or all rows anew
-    /// where there is no chain or more than half of it would be garbage.
-    fn write_links(&self, refined: &SolvedCluster, writer: &mut SegmentWriter) -> Result<UpdateRow> {
-        let id = refined.mesh.cluster;
+    /// Writes a cluster's rows: those that changed behind the chain they came from, or all anew where there is no chain
+    /// or more than half of it would be garbage.
+    fn write_links(
+        &self,
+        id: ClusterId,
+        refined: &Refined,
+        entries: usize,
+        writer: &mut SegmentWriter,
+    ) -> Result<UpdateRow> {
         let chain_bytes = self.set.snapshot().links_bytes(id)?;
-        let mut order: Vec<usize> = (0..refined.rows.len()).collect();
-        order.sort_unstable_by_key(|&at| refined.mesh.name_at(at));
         let extent = |delta: bool| {
-            let keep = |at: usize| if delta { refined.changed[at] } else { !refined.rows[at].is_empty() };
-            let rows = (order.iter().filter(|&&at| keep(at)))
-                .map(|&at| (refined.mesh.name_at(at), refined.rows[at].as_slice()))
-                .collect();
-            LinkExtent::new(delta, rows, &refined.closure)
+            let rows = refined.rows.iter().zip(&refined.changed).filter(|(_, changed)| !delta || **changed);
+            LinkExtent::new(delta, rows.map(|(row, _)| row).collect(), &refined.gone)
         };
-        let links = refined.rows.iter().map(Vec::len).sum();
-        let room = 2 * link_rows::live_bytes(links, refined.closure.len());
+        let room = 2 * live_bytes(refined.rows.len(), entries);
         let behind = (0 < chain_bytes && chain_bytes < room)
             .then(|| extent(true))
             .filter(|delta| chain_bytes + delta.bytes() <= room);
         let delta = behind.is_some();
         let at = behind.unwrap_or_else(|| extent(false)).write(id, writer)?;
         Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
-    }
-
-    fn gather_and_relax(
-        &self,
-        clusters: &[ClusterId],
-        members: &mut [Member],
-        new: &[UpdateRow],
-        report: &mut TaskReport,
-    ) -> Result<()> {
-        let recompute = |index: usize| -> Result<Vec<(NodeName, Vec<Link>)>> {
-            let refined = self.refine(clusters[index], StoredLinks::default())?;
-            Ok(refined.rows.into_iter().enumerate().map(|(at, row)| (refined.mesh.name_at(at), row)).collect())
-        };
-        let keep = self.settings.keep_links;
-        let store = LinkStore { set: self.set, sources: &self.sources, clusters, new, recompute: &recompute, keep };
-        self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
-        for index in 0..members.len() {
-            let mesh = &members[index].mesh;
-            let mut external = vec![Gathered::default(); mesh.node_count()];
-            store.visit(index, members, Wanted::Outside, |table: &SourceTable, receiver, source, link| {
-                if let Some(radiosity) = table.outside(source) {
-                    let error = row_parts::error(link, mesh.is_leaf_at(receiver));
-                    external[receiver].add(radiosity, f64::from(link.form_factor), error);
-                }
-            })?;
-            members[index].external = external;
-            self.progress.at(index as u64 + 1);
-        }
-        let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
-        let relaxed = relax::relax(members, &mut links, self.settings.inner, self.progress)?;
-        report.inner_sweeps = relaxed.sweeps;
-        report.work.links_reused += links.reused();
-        report.work.links_evaluated += links.recomputed();
-        report.q_max =
-            members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
-        Ok(())
     }
 
     fn write_light(
@@ -211,8 +232,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
     ) -> Result<()> {
         for (&id, member) in clusters.iter().zip(members) {
             let loaded = self.set.mapped(id)?;
-            let view = loaded.view();
-            let payload = records::encode(&member.mesh, &view.geometry, view.materials);
+            let payload = records::encode(&member.mesh);
             if payload != loaded.light_payload() {
                 let at = writer.append(ExtentKind::Radiosity, id.0, &payload)?;
                 rows.push(UpdateRow { cluster: id, kind: ExtentKind::Radiosity, delta: false, at });
@@ -222,7 +242,7 @@ impl<'a, 's> GroupSolver<'a, 's> {
     }
 
     /// Adds a cluster's power to the report: what its sides emit and absorb, and what leaves the model.
-    fn count_energy(&self, member: &Member, closure: &[LeafClosure], report: &mut TaskReport) -> Result<()> {
+    fn count_energy(&self, member: &Member, report: &mut TaskReport) -> Result<()> {
         let loaded = self.set.mapped(member.mesh.cluster)?;
         let view = loaded.view();
         let add = |sum: &mut [f64; 3], power: Rgb| {
@@ -231,37 +251,131 @@ impl<'a, 's> GroupSolver<'a, 's> {
             }
         };
         let patches = view.geometry.patches;
-        let side = |i: usize| Node::root(view.id, &patches[i / 2], PatchSide::from_index(i));
-        let mut covering: Vec<Option<Covering>> = (0..2 * patches.len()).map(|_| None).collect();
-        for element in member.mesh.elements.iter().filter(|e| e.is_leaf()) {
-            let at = element.name.patch_side();
-            let material = &member.materials[at.index()];
-            let exitance = Rgb::from_f32(material.exitance);
-            if exitance.is_black() && element.irradiance.is_black() {
+        let sides = self.sides.of(&view, &self.scene);
+        for (at, element) in member.mesh.elements.iter().enumerate().filter(|(_, e)| e.is_leaf()) {
+            let side = element.name.patch_side();
+            let material = &member.materials[side.index()];
+            let (exitance, rho) = (Rgb::from_f32(material.exitance), Rgb::from_f32(material.rho));
+            let received = element.line.mean;
+            if exitance.is_black() && received.is_black() {
                 continue;
             }
-            let leaf = Node::at(view.id, &patches[usize::from(at.patch)], element.name);
-            let covering = covering[at.index()].get_or_insert_with(|| self.scene.covering(&side(at.index())));
-            let shown = covering.shown_share(&leaf);
-            add(&mut report.power.emitted_w, exitance * (element.area_m2 * shown));
-            if element.irradiance.is_black() {
-                continue;
-            }
-            let absorbed = (Rgb::grey(1.0) - Rgb::from_f32(material.rho)).times(element.irradiance);
-            add(&mut report.power.absorbed_w, absorbed * (element.area_m2 * shown));
+            let leaf = Node::at(view.id, &patches[usize::from(side.patch)], element.name);
+            let area = element.area_m2 * sides.covering(side).shown_share(&leaf);
+            add(&mut report.power.emitted_w, exitance * area);
+            add(&mut report.power.absorbed_w, (Rgb::grey(1.0) - rho).times(received) * area);
+            let row = member.above[at][Part::Indirect as usize];
+            let escape = member.escapes.get(row as usize).copied().unwrap_or(0.0);
+            add(&mut report.power.escaped_w, (exitance + rho.times(received)) * (area * f64::from(escape)));
         }
-        for c in closure {
-            let at = member.mesh.nearest(NodeName(c.leaf));
-            let area = member.mesh.elements[at].area_m2;
-            add(&mut report.power.escaped_w, member.radiosity(at) * (area * f64::from(c.escape)));
-            if !member.mesh.elements[at].irradiance.is_black() {
-                report.unlinked_area_m2 += area * f64::from(c.unlinked);
-                report.lit_area_m2 += area;
-            }
+        Ok(())
+    }
+
+    /// Adds to the report where the error of a cluster's light is.
+    fn count_error(&self, member: &Member, report: &mut TaskReport) -> Result<()> {
+        let loaded = self.set.mapped(member.mesh.cluster)?;
+        let view = loaded.view();
+        let context = self.context();
+        // Emitters reflect, so they are refined like all others, but their own light counts in no error.
+        for row in &member.mesh.rows {
+            let counts = !view.emits(member.mesh.elements[row.element as usize].name);
+            refine::case(&context, &view, &member.mesh, row.element as usize, row.rounds, row.fit)
+                .add_to(&mut report.error, counts);
         }
+        let [norm, lit, area] = refine::level(&view, &member.mesh, self.settings.cap_w_m2);
+        report.error.norm += norm;
+        report.error.lit = [report.error.lit[0] + lit, report.error.lit[1] + area];
         Ok(())
     }
 }
 
-/// Links of one cluster that are worth giving back at once.
+/// Share of the rays in rows that places measured anew may cost; at least so many places a group.
+const CHECKED: (f64, f64) = (0.05, 16.0);
+
+impl GroupSolver<'_, '_> {
+    /// Measures places of the group anew, more of them where more error is expected, and adds what their light is off.
+    fn check(&self, clusters: &[ClusterId], members: &[Member], report: &mut TaskReport) -> Result<()> {
+        let mut expected: Vec<(f64, usize, usize)> = Vec::new();
+        let (mut sum, mut rays_in_rows) = (0.0, 0.0);
+        for (index, member) in members.iter().enumerate() {
+            let loaded = self.set.mapped(clusters[index])?;
+            let view = loaded.view();
+            for (at, leaf) in member.mesh.elements.iter().enumerate() {
+                if !leaf.is_leaf() || !view.takes_part(leaf.name.patch_side().index()) || view.emits(leaf.name) {
+                    continue;
+                }
+                let rows = member.above[at].iter().filter_map(|&row| member.mesh.rows.get(row as usize));
+                let error: f64 = rows.map(|row| row.fit.structure.max(row.fit.found).max(0.0) + row.fit.noise).sum();
+                let bright = leaf.line.mean.norm_squared();
+                let counts = (self.settings.cap_w_m2.powi(2) / bright.max(f64::MIN_POSITIVE)).min(1.0);
+                let weight = leaf.area_m2 * counts * (error + FLOOR * bright);
+                if weight > 0.0 {
+                    sum += weight;
+                    expected.push((sum, index, at));
+                }
+            }
+            rays_in_rows += member.mesh.rows.iter().map(|row| f64::from(row.rounds) * 32.0).sum::<f64>();
+        }
+        if expected.is_empty() {
+            return Ok(());
+        }
+        let rays_of_place = 2.0 * (RAYS[0] + RAYS[1]) as f64;
+        let count = (CHECKED.0 * rays_in_rows / rays_of_place).max(CHECKED.1) as u64;
+        let seed = mix(self.settings.seed ^ mix(self.settings.version ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
+        let exitance = |name: NodeName| {
+            let mapped = self.set.mapped(name.cluster())?;
+            Ok(mapped.view().materials[name.patch_side().index()].exitance)
+        };
+        let leaving = |cluster: ClusterId, side: PatchSide, place: DVec3| {
+            let look = |lit: &LitCluster| {
+                let (leaf, at) = lit.leaf_at(side, lit.frame(side.patch).plane(place).map(|x| x as f32));
+                lit.leaving(leaf, at)
+            };
+            Ok(match clusters.binary_search(&cluster) {
+                Ok(index) => look(&members[index].lit),
+                Err(_) => look(&*self.set.lit(cluster)?),
+            })
+        };
+        let (mut lamps, mut lamps_of) = (LightTree::default(), usize::MAX);
+        let (mut total, mut squares) = (0.0, 0.0);
+        for turn in 0..count {
+            let x = (turn as f64 + unit(mix(seed ^ mix(turn)))) / count as f64 * sum;
+            let at = expected.partition_point(|(upto, ..)| *upto <= x).min(expected.len() - 1);
+            let (upto, index, element) = expected[at];
+            let own = upto - if at > 0 { expected[at - 1].0 } else { 0.0 };
+            let (member, id) = (&members[index], clusters[index]);
+            let loaded = self.set.mapped(id)?;
+            let view = loaded.view();
+            if lamps_of != index {
+                (lamps, lamps_of) = (LightTree::of_clusters(self.set, &self.set.visible(id)?.0)?, index);
+            }
+            let leaf = &member.mesh.elements[element];
+            let side = leaf.name.patch_side();
+            let node = Node::at(id, &view.geometry.patches[usize::from(side.patch)], leaf.name);
+            let own_seed = mix(seed ^ mix(turn ^ 1 << 40));
+            let place = node.shape.even_point(unit(mix(own_seed)), unit(mix(own_seed ^ 1)));
+            let check = Check { scene: self.scene, lamps: &lamps, exitance: &exitance, leaving: &leaving };
+            let halves = check.halves(&node, place, own_seed, &mut report.work.rays)?;
+            let at = member.lit.frame(side.patch).plane(place);
+            let stored = leaf.line.at([at[0] - leaf.centroid[0], at[1] - leaf.centroid[1]]);
+            let [a, b] = halves.map(|half| half - stored);
+            let counts =
+                (self.settings.cap_w_m2.powi(2) / leaf.line.mean.norm_squared().max(f64::MIN_POSITIVE)).min(1.0);
+            let product = a.0[0] * b.0[0] + a.0[1] * b.0[1] + a.0[2] * b.0[2];
+            let value = product * counts * leaf.area_m2 * sum / own;
+            total += value;
+            squares += value * value;
+        }
+        let n = count as f64;
+        report.error.places += count;
+        report.error.checked[0] += total / n;
+        report.error.checked[1] += ((squares / n - (total / n).powi(2)) / n).max(0.0);
+        Ok(())
+    }
+}
+
+/// Squared error that is expected anywhere, relative to the light.
+const FLOOR: f64 = 1e-4;
+
+/// Rows of one cluster that are worth giving back at once.
 const MANY_LINKS_BYTES: usize = 4 << 20;

@@ -1,10 +1,15 @@
 //! The leaves of a cluster's quadtrees with their light, in order of name.
 
+use bytemuck::Zeroable;
+
 use crate::base::{NodeName, PatchSide, Rgb};
 use crate::geom::grid::{GridPoint, element_corners};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree::{element_polygon, patch_polygon};
+use crate::model::light::ElementLight;
 use crate::render::smooth::SmoothSide;
+use crate::transport::light::line::Line;
+use crate::transport::nodes::frame::Frame;
 use crate::transport::source::ClusterView;
 
 /// A leaf element.
@@ -17,6 +22,8 @@ pub struct Leaf {
     pub radiosity: Rgb,
     /// What arrives at it, W/m2.
     pub irradiance: Rgb,
+    /// What leaves it at each corner of its patch's quadtree, in the winding of the front, W/m2.
+    pub at_corners: [Rgb; 4],
 }
 
 /// The leaves of one patch side, in order of name; none for a side that takes no part.
@@ -26,6 +33,7 @@ pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
         return Vec::new();
     }
     let patch = &view.geometry.patches[usize::from(at.patch)];
+    let frame = Frame::of(patch);
     let material = &view.materials[at.index()];
     let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
     let mut leaves = Vec::new();
@@ -35,13 +43,23 @@ pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
             below.extend((0..4).map(|quarter| name.child(quarter)));
             continue;
         }
-        let irradiance = view.light.find(name).map_or(Rgb::BLACK, |e| Rgb::from_f32(e.irradiance));
+        let light = view.light.find(name).copied().unwrap_or(ElementLight::zeroed());
+        let irradiance = Rgb::from_f32(light.irradiance);
+        let along = [light.slope_u, light.slope_v].map(Rgb::from_f32);
+        let line = Line { mean: irradiance, along };
         let shape = element_polygon(patch, name.path());
+        let centroid = frame.plane(shape.centroid());
+        let mut at_corners = [Rgb::BLACK; 4];
+        for (value, [x, y]) in at_corners.iter_mut().zip(frame.corners(&shape)) {
+            let arrives = line.at([x - centroid[0], y - centroid[1]]);
+            *value = exitance + rho.times(Rgb(arrives.0.map(|x| x.max(0.0))));
+        }
         leaves.push(Leaf {
             name,
             shape: if at.side == 0 { shape } else { shape.reversed() },
             radiosity: exitance + rho.times(irradiance),
             irradiance,
+            at_corners,
         });
     }
     leaves.sort_unstable_by_key(|leaf| leaf.name);
@@ -70,7 +88,7 @@ impl SideMesh {
         let leaves = of_side(view, at);
         let first = leaves.first()?;
         let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-        let smooth = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
+        let smooth = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.at_corners)));
         let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();
         let mut mesh = Self {
             vertices: Vec::new(),

@@ -1,59 +1,91 @@
-//! A link extent in the making. It goes to the segment array by array, straight from the rows: the
-//! links of one cluster may be most of what a task holds, and need not be held twice.
+//! Rows as a link extent, and back. They go to the segment array by array, straight from the rows: those of one cluster
+//! may be most of what a task holds, and need not be held twice.
 
 use bytemuck::Pod;
 
 use crate::base::{ClusterId, NodeName, Result};
 use crate::model::ExtentKind;
 use crate::model::layout::{padding, table};
-use crate::model::links::{self, LeafClosure, LinksHead};
-use crate::store::segment::ExtentStream;
+use crate::model::links::{LinksHead, LinksView, MOST_LAMPS, RowHead, StoredHit, StoredShare, for_each_row};
 use crate::store::{ExtentRef, SegmentWriter};
-use crate::transport::link_rows::Link;
+use crate::transport::row::{Found, Hit, Part, Row, Share};
 
-/// Rows of links, ascending by receiver, and what closes the leaves.
+/// Rows to be written.
 pub struct LinkExtent<'a> {
     delta: bool,
-    rows: Vec<(NodeName, &'a [Link])>,
-    /// Distinct names of the sources, ascending.
-    sources: Vec<u64>,
-    links: usize,
-    closure: &'a [LeafClosure],
+    heads: Vec<RowHead>,
+    rows: Vec<&'a Row>,
+    /// Distinct names of the sides, ascending.
+    sides: Vec<u64>,
+    shares: usize,
+    hits: usize,
 }
 
 impl<'a> LinkExtent<'a> {
-    /// Over rows, ascending by receiver.
+    /// Over rows in order, and names of those that are no more.
     #[must_use]
-    pub fn new(delta: bool, rows: Vec<(NodeName, &'a [Link])>, closure: &'a [LeafClosure]) -> Self {
-        let (mut sources, mut known) = (Vec::new(), 0);
-        for (_, row) in &rows {
-            sources.extend(row.iter().map(|l| l.source.0));
+    pub fn new(delta: bool, rows: Vec<&'a Row>, gone: &[(NodeName, Part)]) -> Self {
+        let (mut sides, mut known) = (Vec::new(), 0);
+        let mut heads = Vec::with_capacity(rows.len() + gone.len());
+        let (mut shares, mut hits) = (0, 0);
+        for row in &rows {
+            let first = match &row.found {
+                Found::Shares(found) => {
+                    sides.extend(found.iter().map(|share| share.lamp.0));
+                    shares += found.len();
+                    shares - found.len()
+                }
+                Found::Hits(found) => {
+                    sides.extend(found.iter().map(|hit| hit.side.0));
+                    hits += found.len();
+                    hits - found.len()
+                }
+            };
+            heads.push(RowHead {
+                element: row.element.0,
+                first: first as u64,
+                count: row.len() as u32,
+                part: row.part as u16,
+                rounds: row.rounds,
+                open: row.open,
+                reserved: [0; 3],
+            });
             // What is held stays below a few times what is distinct.
-            if sources.len() > 2 * known + 4096 {
-                sources.sort_unstable();
-                sources.dedup();
-                known = sources.len();
+            if sides.len() > 2 * known + 4096 {
+                sides.sort_unstable();
+                sides.dedup();
+                known = sides.len();
             }
         }
-        sources.sort_unstable();
-        sources.dedup();
-        let links = rows.iter().map(|(_, row)| row.len()).sum();
-        Self { delta, rows, sources, links, closure }
+        sides.sort_unstable();
+        sides.dedup();
+        debug_assert!(sides.len() < MOST_LAMPS);
+        if delta {
+            let rows_now = |head: &RowHead| (head.element, head.part);
+            let new: Vec<RowHead> = (gone.iter())
+                .filter(|(name, part)| heads.binary_search_by_key(&(name.0, *part as u16), rows_now).is_err())
+                .map(|(name, part)| RowHead { element: name.0, part: *part as u16, ..bytemuck::Zeroable::zeroed() })
+                .collect();
+            heads.extend(new);
+            heads.sort_by_key(rows_now);
+            // Rows that are no more have no entries: where they would begin follows from those before.
+            let mut next = [0u64; 2];
+            for head in &mut heads {
+                head.first = next[usize::from(head.part)];
+                next[usize::from(head.part)] += u64::from(head.count);
+            }
+        }
+        Self { delta, heads, rows, sides, shares, hits }
     }
 
     /// Bytes of each array.
-    fn arrays(&self) -> [usize; 9] {
-        let (receivers, link) = (size_of::<u64>() * self.rows.len(), size_of::<u32>() * self.links);
+    fn arrays(&self) -> [usize; 5] {
         [
             size_of::<LinksHead>(),
-            receivers,
-            receivers + size_of::<u64>(),
-            size_of_val(self.sources.as_slice()),
-            link,
-            link,
-            link,
-            link,
-            size_of_val(self.closure),
+            size_of_val(self.heads.as_slice()),
+            size_of_val(self.sides.as_slice()),
+            size_of::<StoredShare>() * self.shares,
+            size_of::<StoredHit>() * self.hits,
         ]
     }
 
@@ -67,41 +99,85 @@ impl<'a> LinkExtent<'a> {
 
     /// Appends it to a segment.
     pub fn write(&self, id: ClusterId, writer: &mut SegmentWriter) -> Result<ExtentRef> {
-        let head = LinksHead {
-            delta: u32::from(self.delta),
-            reserved: 0,
-            receivers: self.rows.len() as u64,
-            links: self.links as u64,
-            reserved2: 0,
-        };
-        let index =
-            |link: &Link| self.sources.binary_search(&link.source.0).expect("the dictionary holds every source");
-        let mut end = 0u64;
-        let ends = self.rows.iter().map(|(_, row)| {
-            end += row.len() as u64;
-            end
-        });
         let mut stream = writer.begin(ExtentKind::Links, id.0)?;
-        stream.write(&table(&self.arrays()))?;
-        array(&mut stream, [head])?;
-        array(&mut stream, self.rows.iter().map(|(receiver, _)| receiver.0))?;
-        array(&mut stream, std::iter::once(0).chain(ends))?;
-        array(&mut stream, self.sources.iter().copied())?;
-        array(&mut stream, self.each().map(|l| links::pack(l.class, index(l) as u32)))?;
-        array(&mut stream, self.each().map(|l| l.form_factor))?;
-        array(&mut stream, self.each().map(|l| l.spread))?;
-        array(&mut stream, self.each().map(|l| l.uncertainty))?;
-        array(&mut stream, self.closure.iter().copied())?;
+        self.each_piece(&mut |bytes| stream.write(bytes))?;
         stream.finish()
     }
 
-    fn each(&self) -> impl Iterator<Item = &'a Link> {
-        self.rows.iter().flat_map(|(_, row)| *row)
+    /// The payload, aligned as a mapped one is.
+    pub fn in_memory(&self) -> Result<Vec<u64>> {
+        let mut bytes = Vec::with_capacity(self.bytes() as usize);
+        self.each_piece(&mut |piece| {
+            bytes.extend_from_slice(piece);
+            Ok(())
+        })?;
+        let mut words = vec![0u64; bytes.len().div_ceil(size_of::<u64>())];
+        bytemuck::cast_slice_mut::<u64, u8>(&mut words)[..bytes.len()].copy_from_slice(&bytes);
+        Ok(words)
+    }
+
+    /// Hands out the payload piece by piece.
+    fn each_piece(&self, write: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        let head = LinksHead {
+            delta: u32::from(self.delta),
+            reserved: 0,
+            rows: self.heads.len() as u64,
+            shares: self.shares as u64,
+            hits: self.hits as u64,
+        };
+        let index = |side: NodeName| self.sides.binary_search(&side.0).expect("the dictionary holds every side") as u32;
+        let shares = self.rows.iter().flat_map(|row| match &row.found {
+            Found::Shares(shares) => shares.as_slice(),
+            Found::Hits(_) => &[],
+        });
+        let hits = self.rows.iter().flat_map(|row| match &row.found {
+            Found::Hits(hits) => hits.as_slice(),
+            Found::Shares(_) => &[],
+        });
+        write(&table(&self.arrays()))?;
+        array(write, [head])?;
+        array(write, self.heads.iter().copied())?;
+        array(write, self.sides.iter().copied())?;
+        array(
+            write,
+            shares.map(|s| StoredShare { lamp_slot: index(s.lamp) << 5 | u32::from(s.slot), factor: s.factor }),
+        )?;
+        array(write, hits.map(|h| StoredHit { side: index(h.side), at: h.at }))
     }
 }
 
+/// Bytes of an extent with so many rows and entries: names of sides not counted.
+#[must_use]
+pub fn live_bytes(rows: usize, entries: usize) -> u64 {
+    (rows * size_of::<RowHead>() + entries * size_of::<StoredHit>()) as u64
+}
+
+/// The rows of a chain of extents, in order.
+#[must_use]
+pub fn rows_of(views: &[LinksView<'_>]) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for_each_row(views, |index, head| {
+        let view = &views[index];
+        let (shares, hits) = view.entries(head);
+        let name = |side: u32| NodeName(view.sides[side as usize]);
+        let (part, found) = if head.part == 0 {
+            let share = |s: &StoredShare| Share {
+                lamp: name(s.lamp_slot >> 5),
+                slot: (s.lamp_slot & 31) as u8,
+                factor: s.factor,
+            };
+            (Part::Direct, Found::Shares(shares.iter().map(share).collect()))
+        } else {
+            (Part::Indirect, Found::Hits(hits.iter().map(|h| Hit { side: name(h.side), at: h.at }).collect()))
+        };
+        let (element, rounds, open) = (NodeName(head.element), head.rounds, head.open);
+        rows.push(Row { element, part, rounds, open, found });
+    });
+    rows
+}
+
 /// Writes an array and its padding, piece by piece.
-fn array<T: Pod>(stream: &mut ExtentStream<'_>, records: impl IntoIterator<Item = T>) -> Result<()> {
+fn array<T: Pod>(write: &mut dyn FnMut(&[u8]) -> Result<()>, records: impl IntoIterator<Item = T>) -> Result<()> {
     const RECORDS: usize = 1024;
     let mut piece: Vec<T> = Vec::with_capacity(RECORDS);
     let mut bytes = 0;
@@ -109,46 +185,53 @@ fn array<T: Pod>(stream: &mut ExtentStream<'_>, records: impl IntoIterator<Item 
         piece.push(record);
         bytes += size_of::<T>();
         if piece.len() == RECORDS {
-            stream.write(bytemuck::cast_slice(&piece))?;
+            write(bytemuck::cast_slice(&piece))?;
             piece.clear();
         }
     }
-    stream.write(bytemuck::cast_slice(&piece))?;
-    stream.write(padding(bytes))
+    write(bytemuck::cast_slice(&piece))?;
+    write(padding(bytes))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::links::{LinksView, Visibility};
+    use crate::base::PatchSide;
     use crate::store::Store;
-    use crate::transport::link_rows;
 
-    fn link(source: u64, form_factor: f32) -> Link {
-        let class = if source.is_multiple_of(2) { Visibility::Visible } else { Visibility::Partial };
-        Link { source: NodeName(source), form_factor, spread: 0.25, uncertainty: 0.125, class }
+    fn side(cluster: u32, patch: u8) -> NodeName {
+        NodeName::root(ClusterId(cluster), PatchSide { patch, side: 1 })
+    }
+
+    fn indirect(element: NodeName, hits: u32) -> Row {
+        let hit = |i: u32| Hit { side: side(i % 7 + 1, (i % 200) as u8), at: [i as u16, 7] };
+        let (rounds, open) = ((hits / 32) as u16, u16::MAX);
+        Row { element, part: Part::Indirect, rounds, open, found: Found::Hits((0..hits).map(hit).collect()) }
     }
 
     #[test]
-    fn what_is_written_in_pieces_is_read_back_and_as_long_as_was_said() {
+    fn what_is_written_in_pieces_is_read_back_and_a_delta_wins_over_its_base() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::create(dir.path(), std::time::Duration::ZERO).unwrap();
         let mut writer = SegmentWriter::create(&store, "test").unwrap();
-        // More links than a piece holds, an empty row, sources that rows share.
-        let long: Vec<Link> = (0..5000).map(|i| link(9000 - i, i as f32)).collect();
-        let short = [link(7, 0.5), link(8999, 0.75)];
-        let closure = [LeafClosure { own_scale: 0.5, ..bytemuck::Zeroable::zeroed() }; 3];
-        let rows = vec![(NodeName(1), long.as_slice()), (NodeName(2), &[][..]), (NodeName(5), &short)];
-        let extent = LinkExtent::new(true, rows, &closure);
-        let at = extent.write(ClusterId(4), &mut writer).unwrap();
-        assert_eq!(at.bytes, extent.bytes());
-        writer.sync().unwrap();
-        let read = store.extent(at, ExtentKind::Links).unwrap();
-        let view = read.parse(LinksView::parse).unwrap();
-        assert_eq!((view.head.delta, view.head.links, view.sources.len()), (1, 5002, 5001));
-        assert_eq!((view.receivers, view.row_start), (&[1, 2, 5][..], &[0, 5000, 5000, 5002][..]));
-        let all: Vec<Link> = (0..5002).map(|at| link_rows::link_at(&view, at)).collect();
-        assert_eq!(all, [long.as_slice(), &short].concat());
-        assert_eq!(view.closure, closure);
+        let share = Share { lamp: side(9, 3), slot: 31, factor: 0.25 };
+        let found = Found::Shares(vec![share; 3]);
+        let direct = Row { element: side(4, 0), part: Part::Direct, rounds: 1, open: 0xff, found };
+        // More hits than a piece holds.
+        let rows = [direct, indirect(side(4, 0), 4096), indirect(side(4, 1), 32)];
+        let mut write = |extent: LinkExtent<'_>| {
+            let at = extent.write(ClusterId(4), &mut writer).unwrap();
+            assert_eq!(at.bytes, extent.bytes());
+            writer.sync().unwrap();
+            store.extent(at, ExtentKind::Links).unwrap()
+        };
+        let base = write(LinkExtent::new(false, rows.iter().collect(), &[]));
+        let view = base.parse(LinksView::parse).unwrap();
+        assert_eq!(rows_of(&[view]), rows);
+        let child = indirect(side(4, 1).child(2), 64);
+        let delta = write(LinkExtent::new(true, vec![&child], &[(side(4, 1), Part::Indirect)]));
+        let later = delta.parse(LinksView::parse).unwrap();
+        let [first, second, _] = rows;
+        assert_eq!(rows_of(&[view, later]), [first, second, child]);
     }
 }

@@ -11,15 +11,16 @@ use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
-use crate::model::figures::{IterationFigures, Work};
+use crate::model::figures::{IterationFigures, Phase, Steering, Work};
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
 use crate::model::order::UpdateOrder;
-use crate::model::report::TaskReport;
+use crate::model::report::{ErrorSums, TaskReport};
 use crate::store::branches::VersionRow;
 use crate::store::merging::{TaskRow, TaskState, VersionFigures};
 use crate::store::{Snapshot, Stage, Store};
-use crate::transport::residual::{self, Change};
+use crate::transport::iterate::residual::{self, Change};
+use crate::transport::oracle;
 
 /// `merge` takes tolerance and order from the tasks.
 #[derive(Clone, Debug, Default)]
@@ -54,7 +55,7 @@ pub struct Summary {
     pub contraction: Option<f64>,
     /// Relative error left by stopping here.
     pub predicted_error: Option<f64>,
-    /// Estimated error of the answer; known once sources and receivers are bounded together.
+    /// Estimated error of the stored light.
     pub estimated_nrms: Option<f64>,
     /// Groups.
     pub groups: u64,
@@ -94,6 +95,9 @@ impl super::summary::Summary for Summary {
             self.branch,
             if self.converged { "converged" } else { "not converged" }
         )];
+        if let Some(estimated) = self.estimated_nrms {
+            lines.push(format!("estimated error of the stored light {:.2} %", 100.0 * estimated));
+        }
         if let (Some(residual), Some(error)) = (self.residual, self.predicted_error) {
             lines.push(format!("residual {residual:.2e}, error left by stopping here {error:.2e}"));
         }
@@ -223,7 +227,7 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         residual: row.residual,
         contraction: row.contraction,
         predicted_error: row.predicted_error,
-        estimated_nrms: None,
+        estimated_nrms: f.as_ref().map(|f| f.steering.estimated_nrms),
         groups: store.group_count()?,
         figures: f.as_ref().map(|f| f.iteration),
         is_unbalanced: f.as_ref().is_some_and(is_unbalanced),
@@ -241,7 +245,9 @@ const BALANCED: f64 = 0.01;
 /// Whether light no longer changes though its balance shows that it is wrong: more iterations do not mend that.
 #[must_use]
 pub fn is_unbalanced(figures: &VersionFigures) -> bool {
-    figures.iteration.energy_balance > BALANCED && figures.predicted_error <= figures.tolerance / STOP
+    figures.iteration.energy_balance > BALANCED
+        && figures.steering.phase == Phase::Close
+        && figures.predicted_error <= figures.tolerance / STOP
 }
 
 /// Figures of the iteration that ends with the updates `now` on top of `base`.
@@ -262,18 +268,79 @@ fn figures(
     let predicted_error = residual::predicted_error(residual, contraction);
     let complete = reports.len() == tasks.len() && reports.iter().all(|r| r.complete);
     let mut iteration = IterationFigures::default();
-    let (mut lit_area_m2, mut unlinked_area_m2) = (0.0, 0.0);
+    let mut error = ErrorSums::default();
     for report in &reports {
         iteration.work += report.work;
         iteration.power += report.power;
-        lit_area_m2 += report.lit_area_m2;
-        unlinked_area_m2 += report.unlinked_area_m2;
+        error.plus(&report.error);
     }
     iteration.energy_balance = iteration.power.imbalance();
-    iteration.unlinked_mean = if lit_area_m2 > 0.0 { unlinked_area_m2 / lit_area_m2 } else { 0.0 };
-    let converged = complete && predicted_error <= tolerance / STOP && iteration.energy_balance <= BALANCED;
-    Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration })
+    let before = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
+    let steering = steer(&error, &before, [residual, iteration.energy_balance], tolerance);
+    let converged = complete
+        && steering.phase == Phase::Close
+        && predicted_error <= tolerance / STOP
+        && iteration.energy_balance <= BALANCED;
+    Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })
 }
+
+/// What the next iteration is to do about the error of the light; `before`: what the last one said.
+fn steer(error: &ErrorSums, before: &Steering, [residual, balance]: [f64; 2], tolerance: f64) -> Steering {
+    let [lit, area] = error.lit;
+    let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
+    let (correction, correction_error) = corrected(error, before);
+    let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
+    let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
+    let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
+    let estimated_nrms = squared.sqrt();
+    let estimated_nrms_error = 0.5 * (most - estimated_nrms);
+    // Light that does not add up is not good enough, whatever its places say.
+    let is_unbalanced = balance > BALANCED && estimated_nrms > LEAST_OF_TOLERANCE * tolerance;
+    let excess = if is_unbalanced {
+        (squared - tolerance * tolerance).max(0.5 * squared)
+    } else {
+        squared - tolerance * tolerance
+    };
+    let is_settled = residual <= SETTLED * estimated_nrms;
+    let is_known = correction != 0.0 || error.norm == 0.0;
+    let (phase, threshold) = if !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
+        (Phase::Sweep, None)
+    } else if excess <= 0.0 {
+        (Phase::Close, None)
+    } else {
+        // Where nothing is left to be done, that is it.
+        let threshold = oracle::threshold(&error.bins, excess * error.norm, error.rays);
+        (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
+    };
+    Steering { phase, threshold, lit_mean_w_m2, estimated_nrms, estimated_nrms_error, correction, correction_error }
+}
+
+/// How far what rows know is off: from places measured anew in this iteration, and in those before at half the weight.
+fn corrected(error: &ErrorSums, before: &Steering) -> (f64, f64) {
+    let [squared, variance] = error.checked;
+    if error.places == 0 {
+        return (before.correction, before.correction_error);
+    }
+    // Rows that know of no error at all are not off: there is nothing to be known.
+    let rough = error.rough.max(f64::MIN_POSITIVE);
+    let now = if error.rough > 0.0 { (squared / rough, variance.sqrt() / rough) } else { (1.0, 0.0) };
+    if before.correction == 0.0 || now.1 == 0.0 {
+        return now;
+    }
+    // As worth as they are precise, those before half as much: light has changed since.
+    let weights = [1.0 / (now.1 * now.1), 0.5 / before.correction_error.powi(2).max(f64::MIN_POSITIVE)];
+    let sum = weights[0] + weights[1];
+    ((now.0 * weights[0] + before.correction * weights[1]) / sum, (1.0 / sum).sqrt())
+}
+
+/// Share of the tolerance below which nothing more is done about light that does not add up.
+const LEAST_OF_TOLERANCE: f64 = 0.25;
+
+/// Below this a correction is luck.
+const LEAST_CORRECTION: f64 = 0.05;
+
+/// Share of the estimated error below which what light still changes no longer hides what promises most.
+const SETTLED: f64 = 0.5;
 
 /// The change since the last end of an iteration, over all clusters in order.
 fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Progress) -> Result<Change> {
@@ -387,6 +454,38 @@ mod tests {
             let said = crate::stages::summary::Summary::shortfall(&summary);
             assert_eq!(said.map(|e| e.exit_code()), (!converged).then_some(3));
         }
+    }
+
+    #[test]
+    fn rows_are_marked_once_the_light_has_settled_and_until_the_estimate_with_its_doubt_meets_the_tolerance() {
+        // Rows know of an error of 5 % or 10 % of a norm of 2; places measured anew find `correction` times that squared.
+        let with = |rough: f64, correction: f64, deviation: f64| {
+            let checked = [rough * correction, (rough * deviation).powi(2)];
+            let mut error =
+                ErrorSums { rough, checked, places: 1, norm: 4.0, lit: [6.0, 2.0], rays: 1e6, ..Default::default() };
+            error.add(5, 1.0, 10.0);
+            error
+        };
+        let none = Steering::default();
+        let (small, large) = (with(0.01, 1.0, 1e-9), with(0.04, 1.0, 1e-9));
+        let steering = steer(&small, &none, [0.01, 0.0], 0.06);
+        assert_eq!((steering.phase, steering.threshold, steering.lit_mean_w_m2), (Phase::Close, None, 3.0));
+        assert!((steering.estimated_nrms - 0.05).abs() < 1e-12, "{}", steering.estimated_nrms);
+        assert_eq!(steer(&small, &none, [0.5, 0.0], 0.06).phase, Phase::Sweep, "light still comes in");
+        let marking = steer(&large, &none, [0.04, 0.0], 0.06);
+        assert!(marking.phase == Phase::Mark && marking.threshold.is_some());
+        assert_eq!(
+            steer(&small, &marking, [0.01, 0.0], 0.06).phase,
+            Phase::Sweep,
+            "what was just marked is measured once more"
+        );
+        // What rows do not know of is found where places are measured anew, and remembered.
+        let wrong = steer(&with(0.01, 4.0, 0.1), &none, [0.01, 0.0], 0.06);
+        assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
+        let later = steer(&with(0.01, 1.0, 0.1), &wrong, [0.01, 0.0], 0.06);
+        assert!((later.correction - 2.0).abs() < 1e-9, "a third of what was found before: {later:?}");
+        assert_eq!(steer(&small, &none, [0.01, 0.02], 0.06).phase, Phase::Mark, "it does not add up");
+        assert_eq!(steer(&ErrorSums::default(), &none, [0.0, 0.0], 0.06).phase, Phase::Close, "nothing is lit");
     }
 
     #[test]

@@ -262,7 +262,7 @@ impl<'a, 's> Eye<'a, 's> {
         if !self.smooth.contains(&key) {
             let leaves = leaves::of_side(view, at);
             let patch = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-            let side = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.radiosity)));
+            let side = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.at_corners)));
             let bytes = leaves.len() * LEAF_BYTES;
             self.smooth.put(key, (side, bytes));
             self.bytes += bytes;

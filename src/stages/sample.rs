@@ -8,7 +8,6 @@ use serde::Serialize;
 
 use super::point_light::PointLight;
 use super::ray_scene::{OpenScene, with_scene};
-use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::{Error, Progress, Result, Rgb, lux};
 use crate::formats::points::SensorPoint;
@@ -21,6 +20,8 @@ pub struct Options {
     pub version: Option<u64>,
     /// `--snap`, m; that of ingest if none.
     pub snap_m: Option<f64>,
+    /// `--stored`.
+    pub is_stored: bool,
 }
 
 /// What came out.
@@ -34,8 +35,8 @@ pub struct Summary {
     pub unanswered: u64,
 }
 
-/// Bytes of links that are held.
-const HELD_BYTES: usize = 32 << 20;
+/// Where nobody has solved yet.
+const DEFAULT_TOLERANCE: f64 = 0.02;
 
 /// Header of the result.
 pub const HEADER: &str = "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
@@ -51,17 +52,19 @@ pub fn execute(
     let version = options.version.map_or_else(|| store.newest_iteration_end(), Ok)?;
     let set = WorkingSet::open(store, version)?;
     let facts = store.facts()?;
-    let min_element_m = tolerances::min_element_m(store, version, &facts)?;
+    let branch = store.version(version)?.map_or(0, |row| row.branch);
+    let tolerance = store.options_of_branch(branch)?.map_or(DEFAULT_TOLERANCE, |options| options.tolerance);
     let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     with_scene(&set, |open| {
-        let mut light = PointLight::new(&set, open.scene, min_element_m, &facts, HELD_BYTES);
-        answer(open, &mut light, (&facts, snap_m), points, out, progress)
+        let mut light = PointLight::new(&set, open.scene, tolerance);
+        answer(open, &mut light, options, (&facts, snap_m), points, out, progress)
     })
 }
 
 fn answer(
     open: &OpenScene<'_>,
     light: &mut PointLight<'_, '_>,
+    options: &Options,
     (facts, snap_m): (&ModelFacts, f64),
     points: &mut dyn Iterator<Item = Result<SensorPoint>>,
     out: &mut dyn Write,
@@ -84,7 +87,10 @@ fn answer(
         summary.points += 1;
         let [x, y, z] = point.position;
         let [nx, ny, nz] = point.normal;
-        let answer = open.scene.locate(at, normal, snap_m).map(|place| light.irradiance(place, at));
+        let answer = open
+            .scene
+            .locate(at, normal, snap_m)
+            .map(|place| if options.is_stored { light.stored(place, at) } else { light.irradiance(place, at) });
         open.look.verdict()?;
         let answer = match answer {
             Some(irradiance) => {

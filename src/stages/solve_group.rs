@@ -4,9 +4,8 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::group_solver::{GroupSolver, Settings};
+use super::group_solver::{GroupSolver, Settings, SidesCache};
 use super::ray_scene::with_scene;
-use super::tolerances;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;
 use crate::base::text::shown;
@@ -24,10 +23,7 @@ pub use crate::store::iterations::SolveSettings;
 use crate::store::tasks::{GroupClaim, Lease, Offer};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
-use crate::transport::bundle::SideCache;
-use crate::transport::refine::Scope;
-use crate::transport::relax::Inner;
-use crate::transport::source_memo::SourceMemo;
+use crate::transport::iterate::relax::Inner;
 
 /// Which groups to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,8 +60,6 @@ pub struct Plan<'s> {
     facts: ModelFacts,
     /// Groups of the partition.
     pub groups: u64,
-    /// Smallest element edge, m.
-    pub min_element_m: f64,
 }
 
 /// What was done.
@@ -85,6 +79,9 @@ pub struct Summary {
     #[serde(flatten)]
     pub work: Work,
 }
+
+/// Irradiance beyond which places count no more, in means of what is lit.
+const CAP: f64 = 10.0;
 
 /// Bytes that a task needs whatever the group: code, caches of places, SQLite.
 const BASE_BYTES: u64 = 32 << 20;
@@ -109,8 +106,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
         });
     }
     require_least_memory(options)?;
-    let min_element_m = tolerances::of(&facts, &options.settings.options).min_element_m;
-    Ok(Plan { store, options: options.clone(), facts, groups, min_element_m })
+    Ok(Plan { store, options: options.clone(), facts, groups })
 }
 
 /// Refuses what does not suffice for any group.
@@ -146,13 +142,14 @@ pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dy
     let mut worker = Worker::start(store)?;
     // Groups of one base version share what is mapped.
     let mut set: Option<WorkingSet<'_>> = None;
+    let sides = SidesCache::default();
     loop {
         let Some(lease) = claim(plan, &iteration, &worker)? else { return Ok(summary) };
         if set.as_ref().is_none_or(|s| s.snapshot().version() != lease.base_version) {
             set = Some(WorkingSet::open(store, lease.base_version)?);
         }
         let current = set.as_ref().expect("just opened");
-        match solve(plan, current, &lease, &mut worker, resources, progress) {
+        match solve(plan, (current, &sides), &lease, &mut worker, resources, progress) {
             Ok(Some(report)) => {
                 summary.group = Some(lease.group);
                 summary.groups_solved += 1;
@@ -231,7 +228,7 @@ fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &
 
 fn solve(
     plan: &Plan<'_>,
-    set: &WorkingSet<'_>,
+    (set, sides): (&WorkingSet<'_>, &SidesCache),
     lease: &Lease,
     worker: &mut Worker<'_>,
     resources: &dyn Fn() -> Resources,
@@ -248,11 +245,15 @@ fn solve(
             Inner::Converge { tolerance: shaping.tolerance / 100.0, q: plan.facts.max_reflectance }
         }
     };
+    let steering = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
     let settings = |is_dark: bool| Settings {
-        tolerances: tolerances::of(&plan.facts, shaping),
+        threshold: steering.threshold.unwrap_or(f64::INFINITY),
+        cap_w_m2: if steering.lit_mean_w_m2 > 0.0 { CAP * steering.lit_mean_w_m2 } else { f64::INFINITY },
+        version: base.id,
+        min_element_m: shaping.min_element_m.unwrap_or(0.0),
         inner,
         seed: shaping.seed,
-        scope: if base.iteration == 0 { Scope::Lights } else { Scope::Everything },
+        is_complete: base.iteration > 0,
         is_dark,
         keep_links: shaping.links == LinkStorage::Keep,
         link_cache_bytes: options.link_cache_bytes,
@@ -262,8 +263,7 @@ fn solve(
     let before = resources();
     let mut solved = with_scene(set, |open| {
         let settings = settings(open.is_dark);
-        let (sides, sources) = (SideCache::default(), SourceMemo::default());
-        let solver = GroupSolver { set, scene: open.scene, settings, sides, sources, progress };
+        let solver = GroupSolver { set, scene: open.scene, settings, sides, progress };
         solver.solve(&clusters, &mut worker.segment)
     })?;
     solved.report.used = resources().since(&before);

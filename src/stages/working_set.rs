@@ -16,6 +16,8 @@ use crate::model::light::LightView;
 use crate::model::visibility::{VisibilityHead, VisibilityView};
 use crate::rays::Emitters;
 use crate::store::{Extent, Snapshot, Store};
+use crate::transport::light::lit::{Lights, LitCluster};
+use crate::transport::nodes::mesh::Mesh;
 use crate::transport::source::{ClusterView, Clusters, Loaded};
 
 /// Clusters remembered: under 1 KiB each.
@@ -85,10 +87,19 @@ fn emitters(snapshot: &Snapshot<'_>) -> Result<Emitters> {
     Ok(emitters)
 }
 
+/// Bytes of light, ready to be looked up, that are held.
+const LIT_BYTES: usize = 48 << 20;
+
+struct LitCache {
+    held: LruCache<u32, Rc<LitCluster>>,
+    bytes: usize,
+}
+
 /// Clusters of one version.
 pub struct WorkingSet<'s> {
     snapshot: Snapshot<'s>,
     clusters: RefCell<LruCache<u32, Rc<MappedCluster>>>,
+    lit: RefCell<LitCache>,
     emitters: OnceCell<Emitters>,
 }
 
@@ -98,6 +109,7 @@ impl<'s> WorkingSet<'s> {
         Ok(Self {
             snapshot: Snapshot::at(store, version)?,
             clusters: RefCell::new(LruCache::new(REMEMBERED)),
+            lit: RefCell::new(LitCache { held: LruCache::unbounded(), bytes: 0 }),
             emitters: OnceCell::new(),
         })
     }
@@ -152,5 +164,26 @@ impl<'s> WorkingSet<'s> {
 impl Clusters for WorkingSet<'_> {
     fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>> {
         Ok(self.mapped(id)?)
+    }
+}
+
+impl Lights for WorkingSet<'_> {
+    fn lit(&self, id: ClusterId) -> Result<Rc<LitCluster>> {
+        let cache = &mut *self.lit.borrow_mut();
+        if let Some(known) = cache.held.get(&id.0) {
+            return Ok(known.clone());
+        }
+        let mapped = self.mapped(id)?;
+        let view = mapped.view();
+        let mesh = Mesh::load(id, view.geometry.patches, &view.light);
+        let lit = Rc::new(LitCluster::of(&mesh, view.geometry.patches, view.materials));
+        cache.bytes += lit.bytes();
+        cache.held.put(id.0, lit.clone());
+        while cache.bytes > LIT_BYTES && cache.held.len() > 1 {
+            if let Some((_, dropped)) = cache.held.pop_lru() {
+                cache.bytes -= dropped.bytes();
+            }
+        }
+        Ok(lit)
     }
 }

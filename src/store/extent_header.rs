@@ -7,6 +7,7 @@ use crate::model::ExtentKind;
 use crate::model::geometry::{PatchRecord, SideMaterial};
 use crate::model::layout::Arrays;
 use crate::model::light::ElementLight;
+use crate::model::links::StoredHit;
 use crate::model::origin::{BakeCorner, PatchSource};
 use crate::model::rays::{ClusterRef, RayPatch, TOP};
 use crate::model::visibility::VisibleCluster;
@@ -14,7 +15,7 @@ use crate::model::visibility::VisibleCluster;
 /// What an extent begins with.
 pub const MAGIC: [u8; 8] = *b"CLERSTRY";
 /// Version of the bytes described by `schema/SEGMENTS.md`.
-pub const FORMAT: u16 = 2;
+pub const FORMAT: u16 = 3;
 /// Extents and their payloads begin at multiples of this.
 pub const ALIGN: u64 = 64;
 /// Bytes of a header.
@@ -68,7 +69,7 @@ pub fn main_array(kind: ExtentKind, cluster: u32) -> (usize, usize) {
         ExtentKind::Materials => (0, size_of::<SideMaterial>()),
         ExtentKind::Visibility => (1, size_of::<VisibleCluster>()),
         ExtentKind::Radiosity => (2, size_of::<ElementLight>()),
-        ExtentKind::Links => (4, size_of::<u32>()),
+        ExtentKind::Links => (4, size_of::<StoredHit>()),
         ExtentKind::Rays => (1, size_of::<RayPatch>()),
         ExtentKind::Bake => (0, size_of::<BakeCorner>()),
         ExtentKind::Provenance => (0, size_of::<PatchSource>()),

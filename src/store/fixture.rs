@@ -15,11 +15,11 @@ use crate::model::ExtentKind;
 use crate::model::figures::Power;
 use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SideMaterial, TreeNode};
 use crate::model::layout::ArraysBuilder;
-use crate::model::light::{ElementLight, LightHead, SectorLight};
+use crate::model::light::{ElementLight, LightHead, RowLight};
 use crate::model::order::UpdateOrder;
 use crate::model::origin::PatchSource;
 use crate::model::rays::{ClusterRaysView, ClusterRef, Cuts, RayNode, RayPatch, TOP, WHOLE};
-use crate::model::report::TaskReport;
+use crate::model::report::{ErrorSums, TaskReport};
 use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 
 /// A radiosity payload of a one-patch cluster on whose front `irradiance` arrives.
@@ -30,10 +30,10 @@ pub fn light(cluster: u32, irradiance: f32) -> Vec<u8> {
     let element = |side, irradiance| ElementLight {
         name: NodeName::root(ClusterId(cluster), PatchSide { patch: 0, side }).0,
         irradiance: [irradiance; 3],
-        spread: 0.0,
+        ..ElementLight::zeroed()
     };
     let elements = [element(0, irradiance), element(1, 0.0)];
-    ArraysBuilder::default().with(&[head]).with::<SectorLight>(&[]).with(&elements).finish()
+    ArraysBuilder::default().with(&[head]).with::<RowLight>(&[]).with(&elements).finish()
 }
 
 /// The unit square at height `cluster`.
@@ -162,10 +162,13 @@ pub fn partition(store: &Store, groups: u32) {
     store.publish_partition(&partition, &rows, &mut ids.into_iter().map(|c| (c, c.0 % groups))).unwrap();
 }
 
+/// What the made-up branches are asked for.
+const TOLERANCE: f64 = 0.02;
+
 /// Settings to solve with.
 pub fn settings(order: UpdateOrder) -> SolveSettings {
     let (inner, links) = (InnerOption::Converge, LinkStorage::Keep);
-    SolveSettings { options: SolveOptions { tolerance: 0.02, min_element_m: None, inner, links, seed: 1 }, order }
+    SolveSettings { options: SolveOptions { tolerance: TOLERANCE, min_element_m: None, inner, links, seed: 1 }, order }
 }
 
 /// Solves a leased group: `irradiance` arrives on the front of each of its clusters.
@@ -176,7 +179,11 @@ pub fn solve(store: &Store, lease: &Lease, worker: &mut Worker<'_>, irradiance: 
         rows.push(UpdateRow { cluster, kind: ExtentKind::Radiosity, delta: false, at });
     }
     let power = Power { emitted_w: [1.0; 3], absorbed_w: [1.0; 3], ..Power::default() };
-    let report = TaskReport { complete: true, q_max: 0.5, power, ..TaskReport::default() };
+    // A tenth of the tolerance: the branch closes once the light no longer changes.
+    let norm = f64::from(irradiance * irradiance) * rows.len() as f64;
+    let rough = norm * (0.1 * TOLERANCE).powi(2);
+    let error = ErrorSums { rough, checked: [rough, (0.01 * rough).powi(2)], places: 1, norm, ..ErrorSums::default() };
+    let report = TaskReport { complete: true, q_max: 0.5, power, error, ..TaskReport::default() };
     store.publish(lease, worker, &rows, &report).unwrap()
 }
 

@@ -1,7 +1,7 @@
 //! `schema/SEGMENTS.md` gives the fields of every record, type by type, as `src/model/` defines them.
 
 /// What the page calls each record, in its order, and where it is defined.
-const RECORDS: [(&str, &str, &str); 20] = [
+const RECORDS: [(&str, &str, &str); 22] = [
     ("Head", GEOMETRY, "ClusterHead"),
     ("Patch", GEOMETRY, "PatchRecord"),
     ("Tree node", GEOMETRY, "TreeNode"),
@@ -10,10 +10,12 @@ const RECORDS: [(&str, &str, &str); 20] = [
     ("Head", VISIBILITY, "VisibilityHead"),
     ("Cluster", VISIBILITY, "VisibleCluster"),
     ("Head", LIGHT, "LightHead"),
-    ("Sector node", LIGHT, "SectorLight"),
+    ("Row", LIGHT, "RowLight"),
     ("Element", LIGHT, "ElementLight"),
     ("Head", LINKS, "LinksHead"),
-    ("Closure", LINKS, "LeafClosure"),
+    ("Row", LINKS, "RowHead"),
+    ("Share", LINKS, "StoredShare"),
+    ("Hit", LINKS, "StoredHit"),
     ("Node", RAYS, "RayNode"),
     ("Face", RAYS, "RayPatch"),
     ("Cut", RAYS, "FaceCut"),

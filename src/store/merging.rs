@@ -8,7 +8,7 @@ use super::snapshot::Snapshot;
 use super::{ExtentRef, Store};
 use crate::base::{ClusterId, Error, Result};
 use crate::model::ExtentKind;
-use crate::model::figures::{IterationFigures, Power, Work};
+use crate::model::figures::{IterationFigures, Phase, Power, Steering, Work};
 use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
 
@@ -103,13 +103,16 @@ pub struct VersionFigures {
     pub predicted_error: f64,
     /// What its tasks came to.
     pub iteration: IterationFigures,
+    /// Where refinement stands.
+    pub steering: Steering,
 }
 
 /// The columns of [`VersionFigures`].
 const FIGURES: &str =
     "converged, tolerance, residual, contraction, predicted_error, emitted_r_w, emitted_g_w, emitted_b_w,
     absorbed_r_w, absorbed_g_w, absorbed_b_w, escaped_r_w, escaped_g_w, escaped_b_w, energy_balance, elements,
-    links_evaluated, links_stored, links_reused, rays, unlinked_mean";
+    links_evaluated, links_stored, links_reused, rays, unlinked_mean, phase, threshold, lit_mean_w_m2, estimated_nrms,
+    estimated_nrms_error, correction, correction_error";
 
 fn damaged(detail: impl Into<String>) -> Error {
     Error::damaged(std::path::Path::new(super::sql::CATALOGUE), detail)
@@ -273,6 +276,15 @@ impl Store {
                     },
                     unlinked_mean: r.get(20)?,
                 },
+                steering: Steering {
+                    phase: Phase::of(&r.get::<_, String>(21)?),
+                    threshold: r.get(22)?,
+                    lit_mean_w_m2: r.get(23)?,
+                    estimated_nrms: r.get(24)?,
+                    estimated_nrms_error: r.get(25)?,
+                    correction: r.get(26)?,
+                    correction_error: r.get(27)?,
+                },
             })
         });
         Ok(row.optional()?)
@@ -378,7 +390,14 @@ fn insert_version(
         work.links_stored,
         work.links_reused,
         work.rays,
-        unlinked_mean
+        unlinked_mean,
+        f.steering.phase.name(),
+        f.steering.threshold,
+        f.steering.lit_mean_w_m2,
+        f.steering.estimated_nrms,
+        f.steering.estimated_nrms_error,
+        f.steering.correction,
+        f.steering.correction_error
     ];
     let places: Vec<String> = (2..=values.len()).map(|at| format!("?{at}")).collect();
     let sql = format!("UPDATE solution_versions SET ({FIGURES}) = ({}) WHERE id = ?1", places.join(", "));

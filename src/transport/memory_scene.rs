@@ -1,37 +1,37 @@
-//! A whole model in memory, solved as one group: the second implementation of [`Clusters`], for tests.
+//! A whole model in memory, solved as one group: the second implementation of [`Clusters`], [`Lights`], [`Shapes`] and
+//! [`Inside`], for tests.
 
 use std::rc::Rc;
 
 use bytemuck::Zeroable;
 use glam::DVec3;
 
-use super::bundle::SideCache;
-use super::mesh::Mesh;
-use super::oracle::Tolerances;
-use super::push_pull::Gathered;
+use super::iterate::relax::{self, Inner, Inside, Member, Shapes};
+use super::iterate::residual::{self, Change};
+use super::light::line::Halves;
+use super::light::lit::{Lights, LitCluster};
+use super::measure::lamps::{self, LightTree};
+use super::nodes::mesh::Mesh;
+use super::nodes::places::{Draws, Places};
+use super::oracle;
 use super::records;
-use super::refine::{Context, Scope};
-use super::relax::{self, Inner, InnerLink, InnerLinks, Member};
-use super::row_parts;
-use super::solve_cluster::{SolvedCluster, StoredLinks, Unsolved, solve_cluster};
+use super::refine::{self, Around, Context, Measured, Refined, Sides, add_hits};
+use super::row::{Found, Part, Row};
 use super::source::{ClusterView, Clusters, Loaded};
-use super::source_memo::SourceMemo;
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
-use crate::model::geometry::{
-    ClusterHead, GeometryView, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of,
-};
+use crate::model::geometry::{ClusterHead, GeometryView, NONE, PatchRecord, SideMaterial, TreeNode};
 use crate::model::light::LightView;
 use crate::model::rays;
-use crate::model::visibility::VisibilityHead;
+use crate::model::report::ErrorSums;
 use crate::rays::emitters::NO_EMITTERS;
+use crate::rays::node::Node;
 use crate::rays::{RayScene, build};
 
 /// One cluster of one polygon.
 struct Stored {
     head: ClusterHead,
     tree: Vec<TreeNode>,
-    sectors: Vec<SectorHead>,
     patches: Vec<PatchRecord>,
     materials: Vec<SideMaterial>,
     light: Vec<u64>,
@@ -41,12 +41,7 @@ impl Loaded for Stored {
     fn view(&self) -> ClusterView<'_> {
         ClusterView {
             id: ClusterId(self.head.cluster),
-            geometry: GeometryView {
-                head: &self.head,
-                patches: &self.patches,
-                tree: &self.tree,
-                sectors: &self.sectors,
-            },
+            geometry: GeometryView { head: &self.head, patches: &self.patches, tree: &self.tree, sectors: &[] },
             materials: &self.materials,
             light: LightView::parse(bytemuck::cast_slice(&self.light)).expect("written by `records`"),
         }
@@ -56,15 +51,39 @@ impl Loaded for Stored {
 /// A model and its solution.
 pub struct MemoryScene {
     stored: Vec<Rc<Stored>>,
+    lit: Vec<Rc<LitCluster>>,
+    rows: Vec<Vec<Row>>,
     nodes: Vec<rays::RayNode>,
     refs: Vec<rays::ClusterRef>,
     file: Vec<u64>,
-    links: Vec<StoredLinks>,
+}
+
+/// Where an iteration has led.
+#[derive(Clone, Debug, Default)]
+pub struct Iterated {
+    /// Where the error is.
+    pub error: ErrorSums,
+    /// By how much the light has changed, in the norm of `--tolerance`.
+    pub residual: f64,
+}
+
+impl Iterated {
+    /// Squared error as rows know it, relative.
+    fn most(&self) -> f64 {
+        let ErrorSums { rough, norm, .. } = self.error;
+        if norm > 0.0 { rough / norm } else { 0.0 }
+    }
 }
 
 impl Clusters for MemoryScene {
     fn cluster(&self, id: ClusterId) -> Result<Rc<dyn Loaded>> {
         Ok(self.stored[id.0 as usize].clone())
+    }
+}
+
+impl Lights for MemoryScene {
+    fn lit(&self, id: ClusterId) -> Result<Rc<LitCluster>> {
+        Ok(self.lit[id.0 as usize].clone())
     }
 }
 
@@ -74,19 +93,23 @@ fn aligned(bytes: &[u8]) -> Vec<u64> {
     words
 }
 
-/// The two sector nodes of a cluster of one patch.
-fn sectors_of(cluster: ClusterId, patch: &PatchRecord) -> Vec<SectorHead> {
-    let front = quadtree::patch_polygon(patch).normal();
-    let mut names = [front, -front].map(|n| NodeName::sector(cluster, sector_of(n.to_array()), 0).0);
-    names.sort_unstable();
-    names.map(|name| SectorHead { name, area_m2: patch.area_m2, tree_node: 0 }).to_vec()
-}
+/// Brightness that counts, in means, as `solve-group` has it.
+const CAP: f64 = 10.0;
+
+/// Iterations after which a test has waited long enough.
+const MOST_ITERATIONS: u32 = 80;
+
+/// Rays in rows after which it has, too.
+const MOST_RAYS: f64 = 4e6;
+
+/// From which all places and rays derive.
+const SEED: u64 = 1;
 
 impl MemoryScene {
     /// From polygons of three or four corners with reflectance and exitance (W/m2) of the front; the
     /// back reflects alike and emits nothing.
     pub fn new(polygons: &[(Vec<[f64; 3]>, f64, f64)]) -> Self {
-        let (mut stored, mut refs, mut bytes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut stored, mut lit, mut refs, mut bytes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (i, (corners, rho, exitance)) in polygons.iter().enumerate() {
             let mut patch = PatchRecord::zeroed();
             for k in 0..4 {
@@ -109,18 +132,14 @@ impl MemoryScene {
             let patches = vec![patch];
             let mut tree = vec![TreeNode::zeroed()];
             (tree[0].patch_count, tree[0].left, tree[0].right, tree[0].parent) = (1, NONE, NONE, NONE);
-            let sectors = sectors_of(ClusterId(i as u32), &patch);
-            let geometry = GeometryView { head: &head, patches: &patches, tree: &tree, sectors: &sectors };
-            let mut mesh = Mesh::empty(ClusterId(i as u32), &geometry);
-            for side in 0..2 {
-                mesh.add_root(&geometry, PatchSide { patch: 0, side });
-            }
-            let light = aligned(&records::encode(&mesh, &geometry, &materials));
-            stored.push(Rc::new(Stored { head, tree, sectors, patches, materials, light }));
+            let mesh = Mesh::new(ClusterId(i as u32), &patches);
+            lit.push(Rc::new(LitCluster::of(&mesh, &patches, &materials)));
+            let light = aligned(&records::encode(&mesh));
+            stored.push(Rc::new(Stored { head, tree, patches, materials, light }));
         }
         let (nodes, refs) = build::top(&refs);
-        let count = stored.len();
-        Self { stored, nodes, refs, file: aligned(&bytes), links: vec![StoredLinks::default(); count] }
+        let rows = vec![Vec::new(); stored.len()];
+        Self { stored, lit, rows, nodes, refs, file: aligned(&bytes) }
     }
 
     /// What rays can meet.
@@ -129,54 +148,127 @@ impl MemoryScene {
         RayScene::new(top, bytemuck::cast_slice(&self.file), &NO_EMITTERS, 1e-5).expect("laid out by `new`")
     }
 
-    /// One iteration over the whole model as one group.
-    pub fn iterate(&mut self, scope: Scope, row_w_m2: f64, min_element_m: f64) {
-        let visible: Vec<ClusterId> = (0..self.links.len()).map(|i| ClusterId(i as u32)).collect();
+    /// One iteration over the whole model as one group, as a visit of `solve-group` goes.
+    pub fn iterate(&mut self, threshold: f64, cap_w_m2: f64) -> Iterated {
+        let all: Vec<ClusterId> = (0..self.stored.len()).map(|i| ClusterId(i as u32)).collect();
+        let mut rows = std::mem::take(&mut self.rows);
+        let mut iterated = Iterated::default();
         let mut members = Vec::new();
-        let mut first = 0;
-        let mut all_links = std::mem::take(&mut self.links);
-        let (sides, sources) = (SideCache::default(), SourceMemo::default());
-        for (own, links) in self.stored.iter().zip(&mut all_links) {
+        {
             let context = Context {
                 scene: self.rays(),
-                clusters: self,
-                tolerances: Tolerances { row_w_m2, min_element_m },
-                seed: 1,
-                scope,
-                sides: &sides,
-                sources: &sources,
+                clusters: &*self,
+                lights: &*self,
+                seed: SEED,
+                threshold,
+                cap_w_m2,
+                min_element_m: 0.0,
                 progress: &Quiet,
             };
-            let found = VisibilityHead { missing: 1e-3, ..VisibilityHead::zeroed() };
-            let stored = std::mem::take(links);
-            let before = Unsolved { view: own.view(), visible: visible.clone(), found, stored };
-            let solved = solve_cluster(&context, before).expect("memory does not fail");
-            let SolvedCluster { mesh, rows, closure, factors, .. } = solved;
-            let rows = rows.into_iter().enumerate().map(|(at, row)| (mesh.name_at(at), row)).collect();
-            *links = StoredLinks { rows, closure };
-            let length = mesh.node_count();
-            let (materials, external) = (own.materials.clone(), vec![Gathered::default(); length]);
-            members.push(Member { mesh, materials, external, factors, first });
-            first += length;
-        }
-        self.links = all_links;
-        let inner = Inner::Converge { tolerance: 1e-6, q: 0.99 };
-        relax::relax(&mut members, &mut AllLinks(&self.links), inner, &Quiet).expect("memory does not fail");
-        for (own, member) in self.stored.iter_mut().zip(&members) {
-            let light = {
+            let lamps = LightTree::of_clusters(self, &all).expect("memory does not fail");
+            let around = Around { lamps, escapes: false };
+            let sides: Vec<Sides> = self.stored.iter().map(|own| Sides::of(&own.view(), &context.scene)).collect();
+            for ((own, sides), rows) in self.stored.iter().zip(&sides).zip(&mut rows) {
                 let view = own.view();
-                aligned(&records::encode(&member.mesh, &view.geometry, view.materials))
-            };
-            Rc::get_mut(own).expect("nobody reads any more").light = light;
+                let refined = refine::refine(&context, view, sides, &around, std::mem::take(rows));
+                let Refined { mesh, rows: made, .. } = refined.expect("memory does not fail");
+                let lit = LitCluster::of(&mesh, &own.patches, &own.materials);
+                let above = mesh.rows_above();
+                let external = made.iter().map(|row| self.brought(row)).collect();
+                let materials = own.materials.clone();
+                members.push(Member { mesh, materials, lit, above, external, escapes: Vec::new() });
+                *rows = made;
+            }
+            let shapes = MemoryShapes { stored: &self.stored, sides: &sides };
+            let inner = Inner::Converge { tolerance: 1e-6, q: 0.99 };
+            relax::relax(&mut members, &shapes, &mut MemoryRows(&rows), inner, SEED, &Quiet)
+                .expect("memory does not fail");
+            for (own, member) in self.stored.iter().zip(&members) {
+                let (view, mesh) = (own.view(), &member.mesh);
+                for row in &mesh.rows {
+                    refine::case(&context, &view, mesh, row.element as usize, row.rounds, row.fit)
+                        .add_to(&mut iterated.error, !view.emits(mesh.elements[row.element as usize].name));
+                }
+                let [norm, lit, area] = refine::level(&view, mesh, cap_w_m2);
+                iterated.error.norm += norm;
+                iterated.error.lit = [iterated.error.lit[0] + lit, iterated.error.lit[1] + area];
+            }
         }
+        self.rows = rows;
+        let mut change = Change::default();
+        for (index, member) in members.into_iter().enumerate() {
+            let light = aligned(&records::encode(&member.mesh));
+            self.lit[index] = Rc::new(member.lit);
+            let own = Rc::get_mut(&mut self.stored[index]).expect("nobody reads any more");
+            let before = std::mem::replace(&mut own.light, light);
+            let before = LightView::parse(bytemuck::cast_slice(&before)).expect("written by `records`");
+            let view = own.view();
+            change = change.plus(residual::of_cluster(&view.geometry, view.materials, &before, &view.light));
+        }
+        iterated.residual = change.residual();
+        iterated
     }
 
-    /// Lights, then everything until nothing changes much.
-    pub fn solve(&mut self, row_w_m2: f64, min_element_m: f64) {
-        self.iterate(Scope::Lights, row_w_m2, min_element_m);
-        for _ in 0..4 {
-            self.iterate(Scope::Everything, row_w_m2, min_element_m);
+    /// What lamps bring over a row.
+    fn brought(&self, row: &Row) -> Halves {
+        let mut halves = Halves::default();
+        if let Found::Shares(shares) = &row.found {
+            for share in shares {
+                let lamp = &self.stored[share.lamp.cluster().0 as usize];
+                let exitance = lamp.materials[share.lamp.patch_side().index()].exitance;
+                let sum = &mut halves[usize::from(share.slot / 2)][usize::from(share.slot % 2)];
+                sum.iter_mut().zip(exitance).for_each(|(sum, x)| *sum += share.factor * x / f32::from(row.rounds));
+            }
         }
+        halves
+    }
+
+    /// Mean irradiance (first channel) that lamps bring to the front of a polygon, W/m2: measured on all elements of a
+    /// depth, with so many rounds each.
+    pub fn direct(&self, polygon: usize, depth: u32, rounds: u16) -> f64 {
+        let (own, scene) = (&self.stored[polygon], self.rays());
+        let (view, part) = (own.view(), Part::Direct);
+        let all: Vec<ClusterId> = (0..self.stored.len()).map(|i| ClusterId(i as u32)).collect();
+        let lamps = LightTree::of_clusters(self, &all).expect("memory does not fail");
+        let (sides, front) = (Sides::of(&view, &scene), PatchSide { patch: 0, side: 0 });
+        let mut nodes = vec![Node::root(view.id, &own.patches[0], front)];
+        for _ in 0..depth {
+            nodes = nodes.iter().flat_map(|node| (0..4).map(|quarter| node.child(quarter))).collect();
+        }
+        let (mut power_w, mut area_m2) = (0.0, 0.0);
+        for node in &nodes {
+            let places = Places::of(node, part, SEED, sides.covering(front));
+            let cast = lamps::cast(&scene, &lamps, node, &places, &Draws::of(node, part, SEED), 0..rounds);
+            let (element, open, found) = (node.name, places.open, Found::Shares(cast.shares));
+            let halves = self.brought(&Row { element, part, rounds, open, found });
+            let fit = Measured::of(&view, &sides, element, part, SEED).fit(rounds, &halves);
+            power_w += node.shape.area() * fit.line.mean.0[0];
+            area_m2 += node.shape.area();
+        }
+        power_w / area_m2
+    }
+
+    /// Iterates as `merge` steers until the estimated error, with two standard errors of that, meets the tolerance and
+    /// what is left to change is nothing beside it.
+    pub fn solve(&mut self, tolerance: f64) -> Iterated {
+        let mut last = self.iterate(f64::INFINITY, f64::INFINITY);
+        for _ in 1..MOST_ITERATIONS {
+            if last.error.rays > MOST_RAYS {
+                break;
+            }
+            let [lit, area] = last.error.lit;
+            let excess = last.most() - tolerance * tolerance;
+            let is_settled = last.residual <= 0.5 * last.most().sqrt();
+            if excess <= 0.0 && last.residual <= tolerance / 25.0 {
+                return last;
+            }
+            let marked =
+                is_settled.then(|| oracle::threshold(&last.error.bins, excess * last.error.norm, last.error.rays));
+            let cap_w_m2 = if area > 0.0 { CAP * lit / area } else { f64::INFINITY };
+            last = self.iterate(marked.flatten().unwrap_or(f64::INFINITY), cap_w_m2);
+        }
+        let (most, rays) = (last.most().sqrt(), last.error.rays);
+        panic!("error of up to {most} for {tolerance} with {rays} rays");
     }
 
     /// Mean irradiance (first channel) on the front of a polygon, W/m2.
@@ -191,19 +283,31 @@ impl MemoryScene {
     }
 }
 
-struct AllLinks<'a>(&'a [StoredLinks]);
+struct MemoryShapes<'a> {
+    stored: &'a [Rc<Stored>],
+    sides: &'a [Sides],
+}
 
-impl InnerLinks for AllLinks<'_> {
-    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(&InnerLink)) -> Result<()> {
-        for (name, row) in &self.0[index].rows {
-            let receiver = members[index].mesh.position(*name) as u32;
-            let is_leafs = members[index].mesh.is_leaf_at(receiver as usize);
-            for link in row {
-                let member = &members[link.source.cluster().0 as usize];
-                let source = (member.first + member.mesh.position(link.source)) as u32;
-                let error = row_parts::error(link, is_leafs) as f32;
-                visit(&InnerLink { receiver, source, form_factor: link.form_factor, error });
-            }
+impl Shapes for MemoryShapes<'_> {
+    fn with(&self, index: usize, with: &mut dyn FnMut(&ClusterView<'_>, &Sides)) -> Result<()> {
+        with(&self.stored[index].view(), &self.sides[index]);
+        Ok(())
+    }
+}
+
+/// Everything lies within the group.
+struct MemoryRows<'a>(&'a [Vec<Row>]);
+
+impl Inside for MemoryRows<'_> {
+    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(usize, &Halves)) -> Result<()> {
+        for (number, row) in self.0[index].iter().enumerate() {
+            let Found::Hits(hits) = &row.found else { continue };
+            let mut halves = members[index].external[number];
+            add_hits(&mut halves, row.rounds, row.open, hits, |hit| match hit.side {
+                NodeName::ESCAPE => [0.0; 3],
+                side => members[side.cluster().0 as usize].lit.leaving_from(side.patch_side(), hit.at),
+            });
+            visit(number, &halves);
         }
         Ok(())
     }

@@ -1,86 +1,190 @@
-//! The oracle: is a link good enough, and if not, which end is to be split.
+//! The oracle: where the error of the whole model's light is, what would be done about it, and what that promises.
+//!
+//! Errors are squared, times area, in (W/m2)2 m2. Costs are rays.
 
-use super::sight::Sight;
-use super::source::SourceLight;
-use crate::base::Rgb;
+use crate::base::name::MAX_DEPTH;
+use crate::model::report::{Bin, ErrorSums};
+use crate::transport::light::line::{Fit, PLACES};
 
-/// What error matters, the same for a whole task.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerances {
-    /// Irradiance error that a whole row may carry, W/m2.
-    pub row_w_m2: f64,
-    /// No element edge below this, m.
-    pub min_element_m: f64,
+/// What may be done about a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Act {
+    /// Give its element's children rows of their own.
+    Split,
+    /// Cast as many rays again.
+    Cast,
 }
 
-impl Tolerances {
-    /// Irradiance error that one link may carry, W/m2: the square root of its form factor's share, so
-    /// that the errors of a row's links, adding as variances, come to the row's.
+/// An act with what it promises.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Offer {
+    /// What to do.
+    pub act: Act,
+    /// By how much the error would fall, (W/m2)2 m2.
+    pub promise: f64,
+    /// Rays.
+    pub cost: f64,
+}
+
+impl Offer {
+    /// Promise a ray.
     #[must_use]
-    pub fn of_link(&self, form_factor: f64) -> f64 {
-        self.row_w_m2 * form_factor.max(1e-8).sqrt()
+    pub fn rate(&self) -> f64 {
+        self.promise / self.cost
     }
 }
 
-/// What to do with a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// Keep it.
-    Keep,
-    /// Link the receiver's children instead.
-    SplitReceiver,
-    /// Link to the source's children instead.
-    SplitSource,
-}
-
-/// One link's error and what could be done about it.
+/// A row, as far as the oracle asks.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// Receiver's area, m2.
-    pub receiver_area_m2: f64,
-    /// Longest edge of the receiver's children, m.
-    pub child_edge_m: f64,
-    /// Whether the receiver has levels left.
-    pub receiver_has_levels: bool,
-    /// How much the kernel may vary over the source, 0..=1.
-    pub source_variation: f64,
+    /// Area of its element, m2, times the square of what its brightness counts.
+    pub weight_m2: f64,
+    /// Levels of its element below the root.
+    pub depth: u32,
+    /// Whether `--min-element` keeps the element whole.
+    pub is_smallest: bool,
+    /// Rays of each half from each place.
+    pub rounds: u16,
+    /// What was measured.
+    pub fit: Fit,
 }
 
-/// How strongly errors of a link's form factor act, W/m2.
-///
-/// A closed row sums to 1, so an error in one form factor is made up by all others: what counts is
-/// how much the source differs from what the receiver gets, anywhere in it (`receiver_spread`).
+/// Rays of a round.
+const ROUND: f64 = 2.0 * PLACES as f64;
+
+/// Most rounds of a row.
+pub const MOST_ROUNDS: u16 = 64;
+
+/// Share of the structure that is gone once an element is split.
+const SPLIT: f64 = 0.8;
+
+/// Share of the noise that is gone with twice the rays.
+const DOUBLED: f64 = 0.5;
+
+/// Rounds of a side's first rows.
+pub const FIRST_ROUNDS: u16 = 2;
+
+/// Acts, one upon the other, that a row and those that come of it may see in one visit: what they promise is known only
+/// as well as their rays tell.
+pub const ACTS: u32 = 2;
+
+/// Rounds of the rows of an element's children: as many rays as before in half of them.
 #[must_use]
-pub fn strength(source: Rgb, receiver_irradiance: Rgb, receiver_spread: f64) -> f64 {
-    (source - receiver_irradiance).norm_squared().sqrt() + receiver_spread
+pub fn rounds_of_children(rounds: u16) -> u16 {
+    (rounds / 2).max(FIRST_ROUNDS)
 }
 
-/// Whether a receiver may be split for a link whose error is `excess` times what it may be.
-#[must_use]
-pub fn can_split(case: &Case, tolerances: &Tolerances, excess: f64) -> bool {
-    let floor = tolerances.min_element_m;
-    case.receiver_has_levels && case.child_edge_m >= floor && excess * case.receiver_area_m2 > floor * floor
+impl Case {
+    /// What is best done about the row; `None` if nothing is.
+    #[must_use]
+    pub fn offer(&self) -> Option<Offer> {
+        let Fit { found, noise, .. } = self.fit;
+        let rays = f64::from(self.rounds) * ROUND;
+        let cast = (self.rounds < MOST_ROUNDS && noise > 0.0).then(|| Offer {
+            act: Act::Cast,
+            promise: DOUBLED * noise * self.weight_m2,
+            cost: rays,
+        });
+        // What casting can no longer mend, smaller elements share.
+        let promise = if found > 0.0 {
+            SPLIT * found
+        } else if cast.is_none() {
+            DOUBLED * noise
+        } else {
+            0.0
+        };
+        let splits = promise > 0.0 && self.depth < MAX_DEPTH && !self.is_smallest;
+        let split = splits.then(|| Offer {
+            act: Act::Split,
+            promise: promise * self.weight_m2,
+            cost: 4.0 * ROUND * f64::from(rounds_of_children(self.rounds)),
+        });
+        match (cast, split) {
+            (Some(cast), Some(split)) => Some(if cast.rate() >= split.rate() { cast } else { split }),
+            (cast, split) => cast.or(split),
+        }
+    }
+
+    /// Adds the row to the sums of a task; `counts`: whether its error does.
+    pub fn add_to(&self, sums: &mut ErrorSums, counts: bool) {
+        let Fit { structure, noise, .. } = self.fit;
+        if counts {
+            sums.rough += self.weight_m2 * (structure.max(0.0) + noise);
+        }
+        sums.rays += f64::from(self.rounds) * ROUND;
+        if let Some(offer) = self.offer() {
+            sums.add(bin_of(offer.rate()), offer.promise, offer.cost);
+        }
+    }
 }
 
-/// Factor on errors from a source's spread, which do not average out over a row as others do: what is near
-/// is linked finely and lies in dim corners, what is far coarsely and misses the bright middles.
-pub const SOURCE_SIGN: f64 = 8.0;
+/// Bins of a factor of two in the rate.
+const BINS: f64 = 4.0;
 
-/// Judges a link: errors in radiosity and in flux must both exceed what is allowed before it is split.
+/// The bin of a rate.
+fn bin_of(rate: f64) -> i32 {
+    (libm::log2(rate) * BINS).floor() as i32
+}
+
+/// Smallest rate in a bin.
+fn rate_of(bin: i32) -> f64 {
+    libm::exp2(f64::from(bin) / BINS)
+}
+
+/// Share of the excess error that is promised in one marking; with more, rays are cast for what others mend.
+const MARKED: f64 = 0.4;
+
+/// Rays of one marking, relative to all that have been cast.
+const BUDGET: f64 = 0.5;
+
+/// The rate from which on offers are taken, so that `excess` of the error goes; `None` if nothing is to be done.
 #[must_use]
-pub fn judge(sight: &Sight, strength: f64, source: &SourceLight, case: &Case, tolerances: &Tolerances) -> Verdict {
-    let allowed = tolerances.of_link(sight.form_factor + sight.uncertainty);
-    // Over a receiver the deviation from the mean is about half its largest on average.
-    let receiver_error = (0.5 * sight.spread + sight.uncertainty) * strength;
-    let source_error = SOURCE_SIGN * sight.form_factor * source.spread * case.source_variation;
-    if receiver_error + source_error <= allowed {
-        return Verdict::Keep;
+pub fn threshold(bins: &[Bin], excess: f64, rays: f64) -> Option<f64> {
+    if excess <= 0.0 {
+        return None;
     }
-    if source.divided && source_error >= receiver_error {
-        return Verdict::SplitSource;
+    let (mut promised, mut cost, mut found) = (0.0, 0.0, None);
+    for bin in bins.iter().rev() {
+        if found.is_some() && cost + bin.cost > BUDGET * rays {
+            break;
+        }
+        promised += bin.promise;
+        cost += bin.cost;
+        found = Some(rate_of(bin.rate));
+        if promised >= MARKED * excess {
+            break;
+        }
     }
-    if can_split(case, tolerances, receiver_error / allowed) {
-        return Verdict::SplitReceiver;
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_threshold_takes_what_promises_most_until_the_share_or_the_budget_is_used_up() {
+        let bins: Vec<Bin> = (0..10).map(|i| Bin { rate: i, promise: 1.0, cost: 10.0 }).collect();
+        assert_eq!(threshold(&bins, 0.0, 1e9), None);
+        assert_eq!(threshold(&bins, 10.0, 1e9), Some(rate_of(6)), "four of ten");
+        assert_eq!(threshold(&bins, 10.0, 40.0), Some(rate_of(8)), "half of what was cast");
+        assert_eq!(threshold(&bins, 10.0, 1.0), Some(rate_of(9)), "something always");
+        assert!(bin_of(rate_of(7) * 1.0001) == 7 && bin_of(rate_of(-7) * 1.0001) == -7);
     }
-    if source.divided && source_error > allowed { Verdict::SplitSource } else { Verdict::Keep }
+
+    #[test]
+    fn structure_is_split_and_noise_cast() {
+        let case = |found: f64, noise: f64, rounds: u16| Case {
+            weight_m2: 2.0,
+            depth: 3,
+            is_smallest: false,
+            rounds,
+            fit: Fit { found, noise, ..Fit::default() },
+        };
+        assert_eq!(case(1.0, 0.1, 4).offer().unwrap().act, Act::Split);
+        assert_eq!(case(0.0, 0.1, 4).offer().unwrap().act, Act::Cast, "not found");
+        assert_eq!(case(0.0, 0.1, MOST_ROUNDS).offer().unwrap().act, Act::Split, "casting is used up");
+        assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 256.0 }));
+        assert_eq!(Case { depth: MAX_DEPTH, ..case(1.0, 0.0, 4) }.offer(), None);
+    }
 }

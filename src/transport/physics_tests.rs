@@ -11,10 +11,10 @@ fn a_furnace_has_the_same_radiosity_everywhere() {
             face.2 = 1.0;
         }
         let mut scene = MemoryScene::new(&cube);
-        scene.solve(0.01, 0.05);
+        scene.solve(0.01);
         for i in 0..6 {
             let (got, expected) = (scene.radiosity(i), 1.0 / (1.0 - rho));
-            assert!((got / expected - 1.0).abs() < 1e-3, "rho {rho}, face {i}: {got} for {expected}");
+            assert!((got / expected - 1.0).abs() < 1e-5, "rho {rho}, face {i}: {got} for {expected}");
         }
     }
 }
@@ -26,10 +26,10 @@ fn a_cube_with_one_emitting_face_has_the_means_of_the_converged_galerkin_solutio
         let mut cube = room([0.0; 3], [1.0; 3], rho);
         cube[0].2 = 1.0;
         let mut scene = MemoryScene::new(&cube);
-        scene.solve(0.002, 0.02);
+        scene.solve(0.01);
         for (face, expected) in [(0, emitter), (1, opposite), (2, side), (4, side)] {
             let got = scene.radiosity(face);
-            assert!((got / expected - 1.0).abs() < 5e-3, "rho {rho}, face {face}: {got} for {expected}");
+            assert!((got / expected - 1.0).abs() < 6e-3, "rho {rho}, face {face}: {got} for {expected}");
         }
     }
 }
@@ -40,7 +40,7 @@ fn nothing_gets_into_a_sealed_dark_room() {
     model[0].2 = 1.0;
     model.extend(room([1.0, 0.0, 0.0], [2.0, 1.0, 1.0], 0.5));
     let mut scene = MemoryScene::new(&model);
-    scene.solve(0.005, 0.05);
+    scene.solve(0.02);
     for i in 6..12 {
         assert_eq!(scene.irradiance(i), 0.0, "face {i}");
     }

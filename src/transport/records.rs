@@ -1,21 +1,17 @@
-//! A mesh as a radiosity extent: coarse first, with the light of sector nodes.
+//! A mesh as a radiosity extent: rows, then elements, coarse first.
 
-use super::mesh::Mesh;
-use crate::base::Rgb;
-use crate::geom::quadtree;
-use crate::model::geometry::{GeometryView, SideMaterial, sector_of};
+use super::nodes::mesh::Mesh;
 use crate::model::layout::ArraysBuilder;
-use crate::model::light::{ElementLight, LightHead, SectorLight};
+use crate::model::light::{ElementLight, LightHead, RowLight};
 
 /// The payload of the mesh's radiosity extent.
 #[must_use]
-pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial]) -> Vec<u8> {
-    let mut elements: Vec<(u32, ElementLight)> = mesh
-        .elements
-        .iter()
+pub fn encode(mesh: &Mesh) -> Vec<u8> {
+    let mut elements: Vec<(u32, ElementLight)> = (mesh.elements.iter())
         .map(|e| {
-            let light = ElementLight { name: e.name.0, irradiance: e.irradiance.to_f32(), spread: e.spread() as f32 };
-            (e.name.depth(), light)
+            let [slope_u, slope_v] = e.line.along.map(|along| along.to_f32());
+            let irradiance = e.line.mean.to_f32();
+            (e.name.depth(), ElementLight { name: e.name.0, irradiance, slope_u, slope_v, reserved: 0 })
         })
         .collect();
     elements.sort_by_key(|(depth, light)| (*depth, light.name));
@@ -25,70 +21,22 @@ pub fn encode(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMateria
     }
     let head = LightHead { channels: 3, layer: 0, level_start, reserved: [0; 2] };
     let elements: Vec<ElementLight> = elements.into_iter().map(|(_, light)| light).collect();
-    ArraysBuilder::default().with(&[head]).with(&sectors(mesh, geometry, materials)).with(&elements).finish()
-}
-
-/// Light of one patch side's root.
-struct Side {
-    area: f64,
-    radiosity: Rgb,
-    irradiance: Rgb,
-    /// Smallest and largest radiosity of its leaves, per channel.
-    low: [f64; 3],
-    high: [f64; 3],
-    sector: u8,
-}
-
-fn sides(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial]) -> Vec<Option<Side>> {
-    (0..2 * geometry.patches.len())
-        .map(|i| {
-            let patch = &geometry.patches[i / 2];
-            if patch.sides & (1 << (i % 2)) == 0 {
-                return None;
-            }
-            let front = quadtree::patch_polygon(patch).normal();
-            let normal = if i % 2 == 0 { front } else { -front };
-            let (rho, exitance) = (Rgb::from_f32(materials[i].rho), Rgb::from_f32(materials[i].exitance));
-            let root = &mesh.elements[i];
-            Some(Side {
-                area: root.area_m2,
-                radiosity: exitance + rho.times(root.irradiance),
-                irradiance: root.irradiance,
-                low: (exitance + rho.times(Rgb(root.leaf_low))).0,
-                high: (exitance + rho.times(Rgb(root.leaf_high))).0,
-                sector: sector_of(normal.to_array()),
-            })
-        })
-        .collect()
-}
-
-fn sectors(mesh: &Mesh, geometry: &GeometryView<'_>, materials: &[SideMaterial]) -> Vec<SectorLight> {
-    let sides = sides(mesh, geometry, materials);
-    geometry
-        .sectors
-        .iter()
-        .map(|head| {
-            let tree = &geometry.tree[head.tree_node as usize];
-            let first = usize::from(tree.first_patch) * 2;
-            let sector = head.node().sector_digit();
-            let below = || {
-                sides[first..first + usize::from(tree.patch_count) * 2].iter().flatten().filter(|s| s.sector == sector)
-            };
-            let area: f64 = below().map(|s| s.area).sum();
-            let mean = |f: fn(&Side) -> Rgb| {
-                below().fold(Rgb::BLACK, |sum, s| sum + f(s) * s.area) * (1.0 / area.max(f64::MIN_POSITIVE))
-            };
-            let radiosity = mean(|s| s.radiosity);
-            let spread = below()
-                .flat_map(|s| (0..3).map(|i| (s.high[i] - radiosity.0[i]).max(radiosity.0[i] - s.low[i])))
-                .fold(0.0, f64::max);
-            SectorLight {
-                name: head.name,
-                radiosity: radiosity.to_f32(),
-                irradiance: mean(|s| s.irradiance).to_f32(),
-                spread: spread as f32,
-                reserved: 0,
+    let rows: Vec<RowLight> = (mesh.rows.iter())
+        .map(|row| {
+            let [slope_u, slope_v] = row.fit.line.along.map(|along| along.to_f32());
+            RowLight {
+                name: mesh.elements[row.element as usize].name.0,
+                irradiance: row.fit.line.mean.to_f32(),
+                slope_u,
+                slope_v,
+                structure: row.fit.structure as f32,
+                structure_error: row.fit.structure_error as f32,
+                found: row.fit.found as f32,
+                noise: row.fit.noise as f32,
+                rounds: row.rounds,
+                part: row.part as u16,
             }
         })
-        .collect()
+        .collect();
+    ArraysBuilder::default().with(&[head]).with(&rows).with(&elements).finish()
 }

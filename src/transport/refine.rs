@@ -1,49 +1,38 @@
-//! Refinement of one receiving cluster: tests stored links, links sources not yet linked, splits
-//! receivers where light changes. Foreign sources are refined by name alone.
+//! Refinement of a cluster: rows for sides that have none, and what promises most for the error of the whole model.
 
-use super::bundle::{Bundle, SideCache};
-use super::lamp_list::LampTree;
-use super::lamp_survey;
-use super::link_rows::Link;
-use super::mesh::Mesh;
-use super::oracle::{self, Case, Tolerances, Verdict};
-use super::pairs::Sources;
-use super::sight::{self, Care, Known, Sight};
-use super::source::{ClusterView, Clusters};
-use super::source_memo::{KnownSource, SourceMemo};
-use super::survey;
-use crate::base::name::MAX_DEPTH;
-use crate::base::{ClusterId, Error, NodeName, PatchSide, Progress, Result, Rgb};
-use crate::geom::quadtree;
-use crate::model::links::Visibility;
+use std::collections::BTreeMap;
+
+use crate::base::{Error, NodeName, PatchSide, Progress, Result};
 use crate::rays::RayScene;
+use crate::rays::locate::Covering;
 use crate::rays::node::Node;
+use crate::transport::light::line::{Fit, Halves, Line, PLACES};
+use crate::transport::light::lit::Lights;
+use crate::transport::measure::lamps::LightTree;
+use crate::transport::measure::{hemisphere, lamps};
+use crate::transport::nodes::frame::{Frame, Plane};
+use crate::transport::nodes::mesh::{Mesh, MeshRow};
+use crate::transport::nodes::places::{Draws, Places};
+use crate::transport::oracle::{ACTS, Act, Case, FIRST_ROUNDS, MOST_ROUNDS, rounds_of_children};
+use crate::transport::row::{Found, Part, Row};
+use crate::transport::source::{ClusterView, Clusters};
 
-/// Which sources are linked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scope {
-    /// Emitters alone, as in the first iteration.
-    Lights,
-    /// All sides that are seen; dark ones too where anything lights the receiver, so that rows close.
-    Everything,
-}
-
-/// What stays the same over a task.
+/// What stays the same over a visit.
 pub struct Context<'a> {
     /// What rays can meet.
     pub scene: RayScene<'a>,
     /// The version that is read.
     pub clusters: &'a dyn Clusters,
-    /// Errors that matter.
-    pub tolerances: Tolerances,
+    /// Its light.
+    pub lights: &'a dyn Lights,
     /// From `--seed`.
     pub seed: u64,
-    /// Which sources to link.
-    pub scope: Scope,
-    /// Sides of clusters, as sector nodes bundle them.
-    pub sides: &'a SideCache,
-    /// Sources that links lead to.
-    pub sources: &'a SourceMemo,
+    /// What is done promises at least so much a ray; infinite where nothing is to be done.
+    pub threshold: f64,
+    /// What is brighter counts no more than this, W/m2.
+    pub cap_w_m2: f64,
+    /// `--min-element`, m, or 0.
+    pub min_element_m: f64,
     /// Where interruption is asked for.
     pub progress: &'a dyn Progress,
 }
@@ -51,318 +40,352 @@ pub struct Context<'a> {
 /// What refinement did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Links whose form factor was computed, kept or not.
-    pub evaluated: u64,
-    /// Links tested and kept as stored.
-    pub reused: u64,
     /// Rays cast.
     pub rays: u64,
+    /// Rows measured.
+    pub measured: u64,
 }
 
-/// A receiving cluster in the making.
-pub struct Receiver<'a> {
-    pub(super) view: ClusterView<'a>,
-    /// Its elements.
+/// The sides of a cluster, as rows measure them.
+pub struct Sides {
+    frames: Vec<Frame>,
+    coverings: Vec<Covering>,
+}
+
+impl Sides {
+    /// Of a cluster.
+    #[must_use]
+    pub fn of(view: &ClusterView<'_>, scene: &RayScene<'_>) -> Self {
+        let side = |i: usize| Node::root(view.id, &view.geometry.patches[i / 2], PatchSide::from_index(i));
+        Self {
+            frames: view.geometry.patches.iter().map(Frame::of).collect(),
+            coverings: (0..2 * view.geometry.patches.len()).map(|i| scene.covering(&side(i))).collect(),
+        }
+    }
+
+    /// Faces that cover parts of a side.
+    #[must_use]
+    pub fn covering(&self, side: PatchSide) -> &Covering {
+        &self.coverings[side.index()]
+    }
+}
+
+/// An element as a row of it is measured and fitted.
+pub struct Measured<'a> {
+    node: Node,
+    places: Places<'a>,
+    frame: &'a Frame,
+    centroid: Plane,
+}
+
+impl<'a> Measured<'a> {
+    /// An element of a cluster.
+    #[must_use]
+    pub fn of(view: &ClusterView<'_>, sides: &'a Sides, name: NodeName, part: Part, seed: u64) -> Self {
+        let side = name.patch_side();
+        let node = Node::at(view.id, &view.geometry.patches[usize::from(side.patch)], name);
+        let frame = &sides.frames[usize::from(side.patch)];
+        let places = Places::of(&node, part, seed, sides.covering(side));
+        Self { centroid: frame.plane(node.shape.centroid()), node, places, frame }
+    }
+
+    /// The line through what arrives at its places.
+    #[must_use]
+    pub fn fit(&self, rounds: u16, halves: &Halves) -> Fit {
+        let mut corners = self.frame.corners(&self.node.shape);
+        corners.iter_mut().for_each(|c| *c = [c[0] - self.centroid[0], c[1] - self.centroid[1]]);
+        self.places.design(rounds, self.frame, self.centroid).fit(halves, &corners)
+    }
+
+    /// Bit i: place i is open.
+    #[must_use]
+    pub fn open(&self) -> u16 {
+        self.places.open
+    }
+}
+
+/// Adds to the halves of a row, in the order of its hits, what `leaving` says comes from each, W/m2.
+pub fn add_hits<T>(halves: &mut Halves, rounds: u16, open: u16, hits: &[T], mut leaving: impl FnMut(&T) -> [f32; 3]) {
+    let share = 1.0 / f32::from(rounds.max(1));
+    let each = (0..PLACES).filter(|i| open & (1 << i) != 0).flat_map(|place| [(place, 0), (place, 1)]);
+    for ((place, half), hit) in each.cycle().zip(hits) {
+        let light = leaving(hit);
+        for (sum, x) in halves[place][half].iter_mut().zip(light) {
+            *sum += share * x;
+        }
+    }
+}
+
+/// A row that is being worked on.
+struct Worked {
+    row: Row,
+    fit: Fit,
+    is_changed: bool,
+}
+
+/// A cluster whose rows are made.
+pub struct Refined {
+    /// Its elements, with the rows' lines by the light of the version that was read.
     pub mesh: Mesh,
-    /// Links of each node of the mesh, by position.
-    pub rows: Vec<Vec<Link>>,
-    /// Nodes whose rows were changed.
+    /// Rows, in order; those of `mesh` are the same.
+    pub rows: Vec<Row>,
+    /// Which of them were made or changed.
     pub changed: Vec<bool>,
+    /// Rows that are no more.
+    pub gone: Vec<(NodeName, Part)>,
     /// What was done.
     pub counts: Counts,
 }
 
-impl<'a> Receiver<'a> {
-    /// Over stored nodes and links (`rows` by position in the mesh).
-    #[must_use]
-    pub fn new(view: ClusterView<'a>, mesh: Mesh, rows: Vec<Vec<Link>>) -> Self {
-        let changed = vec![false; rows.len()];
-        Self { view, mesh, rows, changed, counts: Counts::default() }
-    }
+/// What visibility knows of a cluster's surroundings.
+#[derive(Default)]
+pub struct Around {
+    /// The lamps in sight.
+    pub lamps: LightTree,
+    /// Whether rays leave the model.
+    pub escapes: bool,
+}
 
-    /// Brings the links up to date with the light of `context`'s version; `visible` are the clusters
-    /// that this one may exchange light with.
-    pub fn refine(&mut self, context: &Context<'_>, visible: &[ClusterId]) -> Result<()> {
-        let lamps = LampTree::of_clusters(context.clusters, context.sides, visible)?;
-        let many_lamps = lamps.count > FEW_LAMPS;
-        let surveys = many_lamps || !sees_few(context, visible)?;
-        self.test_stored(context, &lamps)?;
-        let sides: Vec<Node> = (0..2 * self.view.geometry.patches.len())
-            .filter(|&i| self.view.takes_part(i))
-            .map(|i| {
-                let at = PatchSide::from_index(i);
-                Node::root(self.view.id, &self.view.geometry.patches[usize::from(at.patch)], at)
-            })
-            .collect();
-        let all: Vec<usize> = (0..sides.len()).collect();
-        let mut linked = self.linked_sides(context)?;
-        if surveys {
-            if many_lamps {
-                self.survey_lamps(context, &lamps)?;
-            } else {
-                self.link_lamps(context, visible, &sides, &mut linked)?;
+struct Refiner<'a, 'c> {
+    context: &'a Context<'c>,
+    view: ClusterView<'a>,
+    sides: &'a Sides,
+    around: &'a Around,
+    mesh: Mesh,
+    rows: BTreeMap<(NodeName, Part), Worked>,
+    gone: Vec<(NodeName, Part)>,
+    counts: Counts,
+}
+
+/// Refines a cluster with rows as an earlier visit left them (`stored`; none if there was none).
+pub fn refine(
+    context: &Context<'_>,
+    view: ClusterView<'_>,
+    sides: &Sides,
+    around: &Around,
+    stored: Vec<Row>,
+) -> Result<Refined> {
+    let mesh = Mesh::load(view.id, view.geometry.patches, &view.light);
+    let fits: BTreeMap<(NodeName, Part), Fit> =
+        mesh.rows.iter().map(|row| ((mesh.elements[row.element as usize].name, row.part), row.fit)).collect();
+    let worked = |row: Row| {
+        let fit = fits.get(&row.key()).copied().unwrap_or_default();
+        (row.key(), Worked { row, fit, is_changed: false })
+    };
+    // Rows that the light does not know any more are those of other lamps.
+    let (known, gone): (Vec<Row>, Vec<Row>) = stored.into_iter().partition(|row| fits.contains_key(&row.key()));
+    let (rows, gone) = (known.into_iter().map(worked).collect(), gone.iter().map(Row::key).collect());
+    let counts = Counts::default();
+    let mut refiner = Refiner { context, view, sides, around, mesh, rows, gone, counts };
+    refiner.remake()?;
+    let keys: Vec<_> = refiner.rows.keys().copied().collect();
+    for key in keys {
+        refiner.work_on(key)?;
+    }
+    refiner.begin()?;
+    Ok(refiner.finish())
+}
+
+impl Refiner<'_, '_> {
+    /// Makes rows anew that the light tells of and nobody has kept: they come out as they were.
+    fn remake(&mut self) -> Result<()> {
+        for row in std::mem::take(&mut self.mesh.rows) {
+            let name = self.mesh.elements[row.element as usize].name;
+            if !self.rows.contains_key(&(name, row.part)) {
+                self.measure(name, row.part, row.rounds)?;
+                self.rows.get_mut(&(name, row.part)).expect("just made").fit = row.fit;
             }
-            if context.scope == Scope::Everything {
-                self.survey_all(context)?;
-            }
-        } else if context.scope == Scope::Lights {
-            self.link_sources(context, visible, &sides, &all, &mut linked, Sources::Emitting)?;
-        } else {
-            self.link_sources(context, visible, &sides, &all, &mut linked, Sources::Lit)?;
-            let lit_sides = self.sides_that_matter();
-            let lit: Vec<usize> = all.into_iter().filter(|&i| lit_sides[sides[i].name.patch_side().index()]).collect();
-            self.link_sources(context, visible, &sides, &lit, &mut linked, Sources::Dark)?;
-        }
-        for row in &mut self.rows {
-            row.sort_by_key(|l| l.source);
-            row.shrink_to_fit();
         }
         Ok(())
     }
 
-    /// Links `r` (element `at` of the mesh) to `s`, as finely as the oracle asks for.
-    pub(super) fn link<'c>(
-        &mut self,
-        context: &Context<'c>,
-        source_view: &ClusterView<'_>,
-        at: usize,
-        r: &Node,
-        s: &Node,
-        known: &Known<'c>,
-    ) {
-        let source = source_view.source(s.name);
-        let strength = self.strength(at, source.radiosity);
-        let case = self.case(at, r, PARTIAL_VARIATION);
-        let care = Care {
-            allowed: context.tolerances.row_w_m2 / strength,
-            can_split: oracle::can_split(&case, &context.tolerances, 2.0),
-            seed: context.seed,
-            tries: None,
-        };
-        let judge = |found: &Sight| {
-            let case = Case { source_variation: variation(r, s, found.class), ..case };
-            oracle::judge(found, strength, &source, &case, &context.tolerances)
-        };
-        let Some(look) = sight::look(&context.scene, r, s, known, care, &judge, &mut self.counts.rays) else {
-            return;
-        };
-        let found = look.sight;
-        let below = Known { class: found.class, blockers: look.blockers };
-        self.counts.evaluated += 1;
-        match look.verdict {
-            Verdict::Keep => self.keep(self.position(at), s.name, &found),
-            Verdict::SplitReceiver => self.link_children(context, source_view, at, r, s, &below),
-            Verdict::SplitSource => {
-                for quarter in 0..4 {
-                    self.link(context, source_view, at, r, &s.child(quarter), &below);
-                }
+    /// Gives rows to sides that have none.
+    fn begin(&mut self) -> Result<()> {
+        let mut done = vec![[false; 2]; 2 * self.view.geometry.patches.len()];
+        for (name, part) in self.rows.keys() {
+            done[name.patch_side().index()][*part as usize] = true;
+        }
+        let view = self.view;
+        for (index, done) in done.into_iter().enumerate().filter(|(index, _)| view.takes_part(*index)) {
+            let name = NodeName::root(self.view.id, PatchSide::from_index(index));
+            for part in Part::ALL.into_iter().filter(|part| !done[*part as usize]) {
+                // How much of what a lamp sends leaves the model must be known well: all of it counts in the balance.
+                let is_open_lamp = part == Part::Indirect && self.around.escapes && view.emits(name);
+                self.measure(name, part, if is_open_lamp { MOST_ROUNDS } else { FIRST_ROUNDS })?;
+                self.work_on((name, part))?;
             }
         }
+        Ok(())
     }
 
-    /// Position among all nodes of the mesh of an element.
-    pub(super) fn position(&self, element: usize) -> usize {
-        self.mesh.sectors.len() + element
-    }
-
-    /// Adds a link to the node at `position`.
-    pub(super) fn keep(&mut self, position: usize, source: NodeName, sight: &Sight) {
-        let row = &mut self.rows[position];
-        if row.len() == row.capacity() {
-            // Rows are most of what a task holds: they do not grow by doubling.
-            row.reserve_exact((row.len() / 8).max(4));
+    /// Measures a row of an element anew, or with more rounds than it has.
+    fn measure(&mut self, name: NodeName, part: Part, rounds: u16) -> Result<()> {
+        if self.context.progress.interrupted() {
+            return Err(Error::Interrupted);
         }
-        row.push(Link {
-            source,
-            form_factor: sight.form_factor as f32,
-            spread: sight.spread as f32,
-            uncertainty: sight.uncertainty as f32,
-            class: sight.class,
-        });
-        self.changed[position] = true;
-    }
-
-    /// Gives an element children.
-    pub(super) fn split(&mut self, at: usize) {
-        if self.mesh.elements[at].is_leaf() {
-            let patch = &self.view.geometry.patches[usize::from(self.mesh.elements[at].name.patch_side().patch)];
-            self.mesh.split(at, patch);
-            self.rows.resize_with(self.mesh.node_count(), Vec::new);
-            self.changed.resize(self.mesh.node_count(), true);
-        }
-    }
-
-    fn link_children<'c>(
-        &mut self,
-        context: &Context<'c>,
-        source_view: &ClusterView<'_>,
-        at: usize,
-        r: &Node,
-        s: &Node,
-        known: &Known<'c>,
-    ) {
-        self.split(at);
-        let first = self.mesh.elements[at].first_child as usize;
-        for quarter in 0..4u32 {
-            self.link(context, source_view, first + quarter as usize, &r.child(quarter), s, known);
-        }
-    }
-
-    pub(super) fn strength(&self, at: usize, radiosity: Rgb) -> f64 {
-        let element = &self.mesh.elements[at];
-        oracle::strength(radiosity, element.irradiance, element.spread())
-    }
-
-    pub(super) fn case(&self, at: usize, r: &Node, source_variation: f64) -> Case {
-        Case {
-            receiver_area_m2: self.mesh.elements[at].area_m2,
-            child_edge_m: quadtree::child_edge_m(&r.shape),
-            receiver_has_levels: r.name.depth() < MAX_DEPTH,
-            source_variation,
-        }
-    }
-
-    /// Tests every stored link against today's light and refines those that no longer do. Casts no
-    /// ray and changes nothing where all do.
-    fn test_stored(&mut self, context: &Context<'_>, lamps: &LampTree) -> Result<()> {
-        for position in 0..self.mesh.node_count() {
-            if context.progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
-            let row = std::mem::take(&mut self.rows[position]);
-            let survey_stays = row.iter().any(survey::is_mark) && self.survey_holds(context, position, &row)?;
-            let lamps_stay =
-                row.iter().any(lamp_survey::is_mark) && self.lamp_survey_holds(context, lamps, position, &row)?;
-            let mut kept = Vec::with_capacity(row.len());
-            for link in row {
-                let stays = match link.class {
-                    Visibility::Surveyed if lamps_stay == survey_stays => survey_stays,
-                    Visibility::Surveyed => {
-                        let source = context.sources.source(context.clusters, link.source)?;
-                        if lamp_survey::holds(&source, &link) { lamps_stay } else { survey_stays }
-                    }
-                    Visibility::Hidden => true,
-                    _ => self.test_elements(context, position - self.mesh.sectors.len(), &link)?,
+        let Context { scene, lights, seed, .. } = self.context;
+        let measured = Measured::of(&self.view, self.sides, name, part, *seed);
+        let draws = Draws::of(&measured.node, part, *seed);
+        let before = self.rows.remove(&(name, part)).map(|worked| worked.row);
+        let first = before.as_ref().map_or(0, |row| row.rounds);
+        let found = match part {
+            Part::Direct => {
+                let cast =
+                    lamps::cast(scene, &self.around.lamps, &measured.node, &measured.places, &draws, first..rounds);
+                self.counts.rays += cast.rays;
+                let mut shares = match before.map(|row| row.found) {
+                    Some(Found::Shares(shares)) => shares,
+                    _ => Vec::new(),
                 };
-                if stays {
-                    self.counts.reused += 1;
-                    kept.push(link);
-                } else {
-                    self.changed[position] = true;
+                shares.extend(cast.shares);
+                Found::Shares(shares)
+            }
+            Part::Indirect => {
+                let cast = hemisphere::cast(scene, *lights, &measured.node, &measured.places, &draws, first..rounds)?;
+                self.counts.rays += cast.len() as u64;
+                let mut hits = match before.map(|row| row.found) {
+                    Some(Found::Hits(hits)) => hits,
+                    _ => Vec::new(),
+                };
+                hits.extend(cast);
+                Found::Hits(hits)
+            }
+        };
+        self.counts.measured += 1;
+        let row = Row { element: name, part, rounds, open: measured.open(), found };
+        let fit = measured.fit(rounds, &self.halves(&row)?);
+        self.rows.insert(row.key(), Worked { row, fit, is_changed: true });
+        Ok(())
+    }
+
+    /// What arrives over a row by the light of the version.
+    fn halves(&self, row: &Row) -> Result<Halves> {
+        let mut halves = Halves::default();
+        match &row.found {
+            Found::Shares(shares) => {
+                let weight = 1.0 / f32::from(row.rounds.max(1));
+                for share in shares {
+                    let loaded = self.context.clusters.cluster(share.lamp.cluster())?;
+                    let exitance = loaded.view().materials[share.lamp.patch_side().index()].exitance;
+                    let sum = &mut halves[usize::from(share.slot / 2)][usize::from(share.slot % 2)];
+                    for (sum, x) in sum.iter_mut().zip(exitance) {
+                        *sum += share.factor * weight * x;
+                    }
                 }
             }
-            // New links of this row went in while it was out.
-            kept.reserve_exact(self.rows[position].len());
-            kept.append(&mut self.rows[position]);
-            self.rows[position] = kept;
+            Found::Hits(hits) => {
+                let mut failed = None;
+                add_hits(&mut halves, row.rounds, row.open, hits, |hit| {
+                    if hit.side == NodeName::ESCAPE {
+                        return [0.0; 3];
+                    }
+                    match self.context.lights.lit(hit.side.cluster()) {
+                        Ok(lit) => lit.leaving_from(hit.side.patch_side(), hit.at),
+                        Err(error) => {
+                            failed = Some(error);
+                            [0.0; 3]
+                        }
+                    }
+                });
+                if let Some(error) = failed {
+                    return Err(error);
+                }
+            }
+        }
+        Ok(halves)
+    }
+
+    /// Does what is worth it about a row, and about those that come of it.
+    fn work_on(&mut self, key: (NodeName, Part)) -> Result<()> {
+        if self.context.threshold == f64::INFINITY {
+            return Ok(());
+        }
+        let mut open = vec![(key, 0u32)];
+        while let Some(((name, part), acts)) = open.pop() {
+            if acts >= ACTS {
+                continue;
+            }
+            let worked = &self.rows[&(name, part)];
+            let rounds = worked.row.rounds;
+            let at = self.mesh.nearest(name);
+            let element = &self.mesh.elements[at];
+            let case = case(self.context, &self.view, &self.mesh, at, rounds, worked.fit);
+            let Some(offer) = case.offer().filter(|offer| offer.rate() >= self.context.threshold) else { continue };
+            match offer.act {
+                Act::Cast => {
+                    self.measure(name, part, 2 * rounds)?;
+                    open.push(((name, part), acts + 1));
+                }
+                Act::Split => {
+                    if element.is_leaf() {
+                        self.mesh.split(at, &self.view.geometry.patches[usize::from(name.patch_side().patch)]);
+                    }
+                    self.rows.remove(&(name, part));
+                    self.gone.push((name, part));
+                    for quarter in 0..4 {
+                        self.measure(name.child(quarter), part, rounds_of_children(rounds))?;
+                        open.push(((name.child(quarter), part), acts + 1));
+                    }
+                }
+            }
         }
         Ok(())
     }
 
-    /// Tests a link between elements; one that does not hold is replaced by finer ones.
-    fn test_elements(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<bool> {
-        let splits_receiver = match self.test(context, at, link)? {
-            Verdict::Keep => return Ok(true),
-            Verdict::SplitReceiver => true,
-            Verdict::SplitSource => false,
-        };
-        let loaded = context.clusters.cluster(link.source.cluster())?;
-        let view = &loaded.view();
-        let r = &self.node_of_element(at);
-        if link.source.is_sector() {
-            let lamp = &Bundle::of(context.sides, view, link.source);
-            if splits_receiver {
-                self.link_quarters(context, view, at, r, lamp);
-            } else {
-                self.link_parts(context, view, at, r, lamp);
-            }
-            return Ok(false);
+    fn finish(self) -> Refined {
+        let Self { mut mesh, rows, gone, counts, .. } = self;
+        let mut refined = Vec::with_capacity(rows.len());
+        let mut changed = Vec::with_capacity(rows.len());
+        mesh.rows.clear();
+        for (_, Worked { row, fit, is_changed }) in rows {
+            let element = mesh.nearest(row.element) as u32;
+            mesh.rows.push(MeshRow { element, part: row.part, rounds: row.rounds, fit });
+            refined.push(row);
+            changed.push(is_changed);
         }
-        let (s, known) = (&node(view, link.source), &Known::stored(link.class));
-        if splits_receiver {
-            self.link_children(context, view, at, r, s, known);
-        } else {
-            for quarter in 0..4 {
-                self.link(context, view, at, r, &s.child(quarter), known);
-            }
-        }
-        Ok(false)
-    }
-
-    /// What is to be done with a stored link in today's light.
-    fn test(&mut self, context: &Context<'_>, at: usize, link: &Link) -> Result<Verdict> {
-        let KnownSource { light, .. } = context.sources.source(context.clusters, link.source)?;
-        let strength = self.strength(at, light.radiosity);
-        let sight = sight_of(link);
-        // The cheap bound first: shapes are needed only where it does not do.
-        let bound = (0.5 * sight.spread + sight.uncertainty) * strength
-            + oracle::SOURCE_SIGN * sight.form_factor * light.spread * PARTIAL_VARIATION;
-        if bound <= context.tolerances.of_link(sight.form_factor + sight.uncertainty) {
-            return Ok(Verdict::Keep);
-        }
-        let r = &self.node_of_element(at);
-        if link.source.is_sector() {
-            let case = self.case(at, r, PARTIAL_VARIATION);
-            return Ok(oracle::judge(&sight, strength, &light, &case, &context.tolerances));
-        }
-        let s = node(&context.clusters.cluster(link.source.cluster())?.view(), link.source);
-        let case = self.case(at, r, variation(r, &s, link.class));
-        Ok(oracle::judge(&sight, strength, &light, &case, &context.tolerances))
-    }
-
-    /// An element of the receiver with its shape.
-    fn node_of_element(&self, at: usize) -> Node {
-        node(&self.view, self.mesh.elements[at].name)
+        Refined { mesh, rows: refined, changed, gone, counts }
     }
 }
 
-/// Patch sides in sight up to which a cluster is linked with each of them, as exactly as the oracle asks for: beyond,
-/// surveys, which begin with as many rays, are cheaper and no less exact.
-const FEW_SIDES: usize = 64;
+/// A row as a case for the oracle.
+#[must_use]
+pub fn case(context: &Context<'_>, view: &ClusterView<'_>, mesh: &Mesh, element: usize, rounds: u16, fit: Fit) -> Case {
+    let of = &mesh.elements[element];
+    let side = of.name.patch_side();
+    let is_smallest = context.min_element_m > 0.0
+        && Node::at(view.id, &view.geometry.patches[usize::from(side.patch)], of.name)
+            .is_smallest(context.min_element_m);
+    Case {
+        weight_m2: weight(of.area_m2, &of.line, &fit, context.cap_w_m2),
+        depth: of.name.depth(),
+        is_smallest,
+        rounds,
+        fit,
+    }
+}
 
-/// Lamps in sight up to which each is linked for itself, and that alone asks for no survey.
-const FEW_LAMPS: usize = 32;
+/// Area times the square of what its light counts: what is over the cap counts no more.
+fn weight(area_m2: f64, light: &Line, fit: &Fit, cap_w_m2: f64) -> f64 {
+    let bright = light.mean.norm_squared().max(fit.line.mean.norm_squared()).sqrt();
+    let counts = if bright > cap_w_m2 { cap_w_m2 / bright } else { 1.0 };
+    area_m2 * counts * counts
+}
 
-/// Whether the clusters in sight have few sides.
-fn sees_few(context: &Context<'_>, visible: &[ClusterId]) -> Result<bool> {
-    let mut count = 0;
-    for &id in visible {
-        let loaded = context.clusters.cluster(id)?;
-        let view = loaded.view();
-        count += (0..2 * view.geometry.patches.len()).filter(|i| view.takes_part(*i)).count();
-        if count > FEW_SIDES {
-            return Ok(false);
+/// Sums over a cluster's leaves: what they receive, as the norm counts it.
+#[must_use]
+pub fn level(view: &ClusterView<'_>, mesh: &Mesh, cap_w_m2: f64) -> [f64; 3] {
+    let (mut squared, mut lit, mut area) = (0.0, 0.0, 0.0);
+    for leaf in mesh.elements.iter().filter(|e| e.is_leaf() && !view.emits(e.name)) {
+        let bright = leaf.line.mean.norm_squared().sqrt();
+        if bright <= 0.0 {
+            continue;
+        }
+        squared += leaf.area_m2 * bright.min(cap_w_m2).powi(2);
+        // A thousandth of the mean is dark.
+        if bright > 1e-4 * cap_w_m2 || cap_w_m2 == f64::INFINITY {
+            lit += leaf.area_m2 * bright.min(cap_w_m2);
+            area += leaf.area_m2;
         }
     }
-    Ok(true)
-}
-
-pub(super) fn sight_of(link: &Link) -> Sight {
-    Sight {
-        form_factor: f64::from(link.form_factor),
-        spread: f64::from(link.spread),
-        uncertainty: f64::from(link.uncertainty),
-        class: link.class,
-    }
-}
-
-pub(super) fn node(view: &ClusterView<'_>, name: NodeName) -> Node {
-    Node::at(view.id, &view.geometry.patches[usize::from(name.patch_side().patch)], name)
-}
-
-/// A patch side as part of a name.
-pub(super) fn side_key(name: NodeName) -> u64 {
-    name.0 >> 29
-}
-
-/// Factor on a source's spread where visibility is partial: what hides part of a source hides its dark
-/// part (what lies under a box is dark and unseen), an error that does not average out over links.
-pub(super) const PARTIAL_VARIATION: f64 = 4.0;
-
-/// How much the kernel may vary over the source: all of it where visibility does, little from afar.
-pub(super) fn variation(r: &Node, s: &Node, class: Visibility) -> f64 {
-    if class == Visibility::Partial {
-        return PARTIAL_VARIATION;
-    }
-    (3.0 * s.shape.radius() / r.shape.centre().distance(s.shape.centre()).max(f64::MIN_POSITIVE)).min(1.0)
+    [squared, lit, area]
 }

@@ -183,7 +183,7 @@ fn beside_a_curved_wall_of_small_facets_stored_light_is_what_is_gathered() {
     let from = |p: DVec3| ((p - MIDDLE + DVec3::new(0.5, 0.5, 0.0)).truncate().length() - 1.0).abs();
     let is_along = |p: DVec3| p.x > MIDDLE.x - 0.5 && p.y > MIDDLE.y - 0.5;
     let around = floor(&solved, |p| is_along(p) && from(p) > 0.02 && from(p) < 0.3);
-    assert!(around.len() > 20);
+    assert!(around.len() >= 10, "{} leaves along the wall", around.len());
     let off = off(&solved, &around);
     assert!(off < 0.1, "{:.1} % off beside the wall", 100.0 * off);
 }

@@ -59,14 +59,14 @@ pub fn solve_with(model: &str, materials: &str, flags: &[&str]) -> Solved {
     solve_file(&data(&format!("{model}.obj")), Some(materials), flags)
 }
 
-/// Solves a model with one task at a time, and has `check` look at the store: rows of form factors sum
-/// to at most 1, light is finite and not negative.
+/// Solves a model with one task at a time, and has `check` look at the store: rows hold what their rays found, light is
+/// finite and not negative.
 pub fn solve_file(model: &Path, materials: Option<&str>, flags: &[&str]) -> Solved {
-    solve_to(0, model, materials, flags)
+    solve_to(&[0], model, materials, flags)
 }
 
-/// The same for a run that ends with an exit code: 3 where the energy balance is known to be off by more than 1 %.
-pub fn solve_to(code: i32, model: &Path, materials: Option<&str>, flags: &[&str]) -> Solved {
+/// The same for a run that ends with one of some exit codes: 3 where the energy balance may be off by more than 1 %.
+pub fn solve_to(codes: &[i32], model: &Path, materials: Option<&str>, flags: &[&str]) -> Solved {
     let dir = tempfile::tempdir().unwrap();
     let mut title = model.file_stem().unwrap().to_str().unwrap().to_owned();
     let mut command = Command::new(env!("CARGO_BIN_EXE_clerestory"));
@@ -79,7 +79,8 @@ pub fn solve_to(code: i32, model: &Path, materials: Option<&str>, flags: &[&str]
         write!(title, " {flag}").unwrap();
     }
     let out = command.args(flags).output().unwrap();
-    assert_eq!(out.status.code(), Some(code), "{title}: {}", String::from_utf8_lossy(&out.stderr));
+    let code = out.status.code().unwrap_or(-1);
+    assert!(codes.contains(&code), "{title}: exit code {code}: {}", String::from_utf8_lossy(&out.stderr));
     let solved = Solved { dir, title, summary: serde_json::from_slice(&out.stdout).unwrap() };
     solved.ask(&["check", "s.clr"]);
     solved

@@ -5,8 +5,8 @@ use clerestory::base::{ClusterId, NodeName, PatchSide};
 use clerestory::model::cut::CutNode;
 use clerestory::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode};
 use clerestory::model::layout::ArraysBuilder;
-use clerestory::model::light::{ElementLight, LightHead, SectorLight};
-use clerestory::model::links::{LeafClosure, LinksHead, Visibility, pack};
+use clerestory::model::light::{ElementLight, LightHead, RowLight};
+use clerestory::model::links::{LinksHead, RowHead, StoredHit, StoredShare};
 use clerestory::model::origin::{BakeCorner, PatchSource};
 use clerestory::model::rays::{ClusterRaysView, ClusterRef, Cuts, FaceCut, RayNode, RayPatch, WHOLE};
 use clerestory::model::visibility::{VisibilityHead, VisibleCluster};
@@ -62,45 +62,51 @@ pub fn materials() -> Vec<u8> {
     ArraysBuilder::default().with(&[SideMaterial { rho: [0.5; 3], exitance: [3.0; 3] }; 4]).finish()
 }
 
-/// A light extent: four roots, one of them with children.
+/// A light extent: four roots, one of them with children; a row of each part.
 pub fn light() -> Vec<u8> {
     let root = |i: usize| NodeName::root(ClusterId(7), PatchSide::from_index(i));
-    let element = |name: NodeName| ElementLight { name: name.0, irradiance: [1.0; 3], spread: 0.0 };
+    let element = |name: NodeName| ElementLight { name: name.0, irradiance: [1.0; 3], ..ElementLight::zeroed() };
     let elements: Vec<_> = (0..4).map(root).chain((0..4).map(|q| root(1).child(q))).map(element).collect();
     let mut level_start = [8; 16];
     level_start[..2].copy_from_slice(&[0, 4]);
     let head = LightHead { channels: 3, layer: 0, level_start, reserved: [0; 2] };
-    let name = NodeName::sector(ClusterId(7), 4, 0).0;
-    let sector = SectorLight { name, radiosity: [1.0; 3], irradiance: [1.0; 3], spread: 0.0, reserved: 0 };
-    ArraysBuilder::default().with(&[head]).with(&[sector]).with(&elements).finish()
+    let row = |part: u16| {
+        let (name, slope_u) = (root(1).child(2).0, [-0.5, 0.25, 0.0]);
+        RowLight {
+            name,
+            irradiance: [0.5; 3],
+            slope_u,
+            structure: -0.01,
+            noise: 0.02,
+            rounds: 2,
+            part,
+            ..RowLight::zeroed()
+        }
+    };
+    ArraysBuilder::default().with(&[head]).with(&[row(0), row(1)]).with(&elements).finish()
 }
 
-/// A links extent: two receivers, three links.
+/// A links extent: a row of each part, two shares, four hits.
 pub fn links() -> Vec<u8> {
     let root = |i: usize| NodeName::root(ClusterId(7), PatchSide::from_index(i)).0;
-    let head = LinksHead { delta: 0, reserved: 0, receivers: 2, links: 3, reserved2: 0 };
-    let packed = [pack(Visibility::Visible, 0), pack(Visibility::Partial, 1), pack(Visibility::Surveyed, 2)];
-    let closure = LeafClosure {
-        leaf: root(0),
-        own_scale: 1.0,
-        own_correction: 0.0,
-        above_scale: 1.0,
-        above_correction: 0.0,
-        escape: 0.1,
-        unlinked: 0.0,
-        closed_sum: 0.9,
-        measured_escape: 0.1,
+    let head = LinksHead { delta: 0, reserved: 0, rows: 2, shares: 2, hits: 4 };
+    let row = |count: u32, part: u16| RowHead {
+        element: root(0),
+        first: 0,
+        count,
+        part,
+        rounds: 1,
+        open: 0x8001,
+        reserved: [0; 3],
     };
+    let share = |lamp_slot: u32| StoredShare { lamp_slot, factor: 0.25 };
+    let hit = |side: u32, at: u16| StoredHit { side, at: [at, 0] };
     ArraysBuilder::default()
         .with(&[head])
-        .with(&[root(0), root(1)])
-        .with(&[0u64, 2, 3])
+        .with(&[row(2, 0), row(4, 1)])
         .with(&[root(2), root(3), NodeName::ESCAPE.0])
-        .with(&packed)
-        .with(&[0.5f32, 0.2, 0.1])
-        .with(&[0.01f32; 3])
-        .with(&[0.001f32; 3])
-        .with(&[closure])
+        .with(&[share(0), share(32 | 31)])
+        .with(&[hit(0, 0), hit(1, u16::MAX), hit(1, 7), hit(2, 0)])
         .finish()
 }
 

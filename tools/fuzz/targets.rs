@@ -10,7 +10,7 @@ use clerestory::geom::cut_tree::part_at;
 use clerestory::geom::split::split;
 use clerestory::model::geometry::{GeometryView, NONE};
 use clerestory::model::light::LightView;
-use clerestory::model::links::{LinksView, class_of, index_of};
+use clerestory::model::links::{LinksView, for_each_row};
 use clerestory::model::rays::{ClusterRaysView, TopRaysView};
 use clerestory::model::report::TaskReport;
 use clerestory::model::{ExtentKind, invariants};
@@ -223,11 +223,14 @@ fn read_light(bytes: &[u8]) -> bool {
 fn read_links(bytes: &[u8]) -> bool {
     aligned(bytes, |bytes| {
         let Ok(view) = LinksView::parse(bytes) else { return false };
-        for row in 0..view.receivers.len() {
-            for link in view.row(row) {
-                assert!(view.sources.get(index_of(view.packed[link])).is_some(), "{:?}", class_of(view.packed[link]));
-            }
-        }
+        for_each_row(&[view], |_, row| {
+            let (shares, hits) = view.entries(row);
+            let is_there = |side: u32| (side as usize) < view.sides.len();
+            assert!(
+                shares.iter().all(|s| is_there(s.lamp_slot >> 5)) && hits.iter().all(|h| is_there(h.side)),
+                "{row:?}"
+            );
+        });
         invariants::links(bytes, 7, &|_| Some(64)).is_ok()
     })
 }

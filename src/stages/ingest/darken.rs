@@ -1,14 +1,16 @@
 //! The light of a cluster whose materials change: nothing arrives, on the elements that it had. The
-//! links that stay name those.
+//! rows that stay are of those.
 
 use super::tree::ClusterRecords;
-use crate::base::{ClusterId, Result, Rgb};
+use crate::base::{ClusterId, Result};
 use crate::model::ExtentKind;
 use crate::model::geometry::GeometryView;
 use crate::model::light::LightView;
 use crate::store::Snapshot;
-use crate::transport::mesh::Mesh;
+use crate::transport::light::line::{Fit, Line};
+use crate::transport::nodes::mesh::Mesh;
 use crate::transport::records::encode;
+use crate::transport::row::Part;
 
 /// The radiosity payload of a cluster in the version that brings its new materials.
 pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) -> Result<Vec<u8>> {
@@ -19,9 +21,14 @@ pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) 
         return Ok(cluster.light_at_start());
     }
     let view = geometry.parse(GeometryView::parse)?;
-    let mut mesh = Mesh::load(id, &view, &light.parse(LightView::parse)?);
+    let mut mesh = Mesh::load(id, view.patches, &light.parse(LightView::parse)?);
     for element in &mut mesh.elements {
-        element.set_irradiance(Rgb::BLACK);
+        element.line = Line::default();
     }
-    Ok(encode(&mesh, &view, &cluster.materials))
+    // Rays to lamps were drawn by what these sent then.
+    mesh.rows.retain(|row| row.part == Part::Indirect);
+    for row in &mut mesh.rows {
+        row.set(&Fit::default());
+    }
+    Ok(encode(&mesh))
 }

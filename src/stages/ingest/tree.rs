@@ -7,13 +7,13 @@ use super::faces::ClusterFaces;
 use super::materials::Material;
 use super::piece::{NONE as NO_MATERIAL, Piece};
 use super::pieces::bounds;
-use crate::base::{ClusterId, NodeName, PatchSide, Rgb};
+use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::geom::bounds::Bounds;
 use crate::geom::grouping::cut_by_area;
 use crate::geom::polygon::Polygon;
 use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of};
 use crate::model::layout::ArraysBuilder;
-use crate::model::light::{ElementLight, LightHead, SectorLight};
+use crate::model::light::{ElementLight, LightHead, RowLight};
 use crate::rays::PatchKey;
 
 /// Patches of a leaf of the tree.
@@ -122,43 +122,14 @@ impl ClusterRecords {
     /// The radiosity extent's payload of a version in which nothing has arrived yet.
     #[must_use]
     pub fn light_at_start(&self) -> Vec<u8> {
-        let sectors: Vec<SectorLight> = self.sectors.iter().map(|s| self.sector_at_start(s)).collect();
         let id = ClusterId(self.head.cluster);
         let elements: Vec<ElementLight> = (0..2 * self.patches.len())
             .map(|i| NodeName::root(id, PatchSide::from_index(i)))
-            .map(|name| ElementLight { name: name.0, irradiance: [0.0; 3], spread: 0.0 })
+            .map(|name| ElementLight { name: name.0, ..ElementLight::zeroed() })
             .collect();
         let mut head = LightHead { channels: 3, ..LightHead::zeroed() };
         head.level_start[1..].fill(elements.len() as u32);
-        ArraysBuilder::default().with(&[head]).with(&sectors).with(&elements).finish()
-    }
-
-    fn sector_at_start(&self, sector: &SectorHead) -> SectorLight {
-        let of = (sector.name >> 35 & 7) as u8;
-        let node = &self.tree[sector.tree_node as usize];
-        let sides = || {
-            below(node)
-                .flat_map(|p| [(p, 0), (p, 1)])
-                .filter(|(p, side)| side_sector(&self.patches[*p], *side) == Some(of))
-                .map(|(p, side)| {
-                    let exitance = Rgb::from_f32(self.materials[2 * p + side].exitance);
-                    (f64::from(self.patches[p].area_m2), exitance)
-                })
-        };
-        let (mut area, mut power) = (0.0, Rgb::BLACK);
-        for (a, e) in sides() {
-            area += a;
-            power += e * a;
-        }
-        let mean = if area > 0.0 { power * (1.0 / area) } else { Rgb::BLACK };
-        let spread = sides().map(|(_, e)| Rgb((e - mean).0.map(f64::abs)).max()).fold(0.0, f64::max);
-        SectorLight {
-            name: sector.name,
-            radiosity: mean.to_f32(),
-            irradiance: [0.0; 3],
-            spread: spread as f32,
-            reserved: 0,
-        }
+        ArraysBuilder::default().with(&[head]).with::<RowLight>(&[]).with(&elements).finish()
     }
 }
 
@@ -221,16 +192,6 @@ fn side_materials(piece: &Piece, rules: Rules<'_>) -> [SideMaterial; 2] {
     [front.side(true), back]
 }
 
-/// The sector that a side faces, if it takes part.
-fn side_sector(patch: &PatchRecord, side: usize) -> Option<u8> {
-    if patch.sides >> side & 1 == 0 {
-        return None;
-    }
-    let corners = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
-    let normal = Polygon::new(&corners[..usize::from(patch.corner_count)]).normal();
-    Some(sector_of(if side == 0 { normal } else { -normal }.to_array()))
-}
-
 fn sectors(id: ClusterId, patches: &[PatchRecord], shapes: &[Shape], tree: &[TreeNode]) -> Vec<SectorHead> {
     let mut out = Vec::new();
     for sector in 0..6 {
@@ -255,6 +216,7 @@ fn sectors(id: ClusterId, patches: &[PatchRecord], shapes: &[Shape], tree: &[Tre
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Rgb;
     use crate::model::geometry::GeometryView;
     use crate::model::light::LightView;
 
@@ -327,13 +289,10 @@ mod tests {
         let payload = aligned(&records.light_at_start());
         let view = LightView::parse(bytemuck::cast_slice(&payload)).unwrap();
         assert_eq!(view.elements.len(), 200);
-        let at = |sector: u8| {
-            let name = NodeName::sector(ClusterId(9), sector, 0).0;
-            let s = view.sectors.iter().find(|s| s.name == name).unwrap();
-            (s.radiosity[0], s.spread)
-        };
-        assert_eq!(at(4), (1.0, 1.0), "+z: half of the tiles at 2, half at 0");
-        assert_eq!(at(5), (0.0, 0.0), "-z");
+        assert!(view.rows.is_empty() && view.elements.iter().all(|e| e.irradiance == [0.0; 3]), "nothing arrives");
+        let emit =
+            |side: usize| records.materials.iter().skip(side).step_by(2).filter(|m| m.exitance == [2.0; 3]).count();
+        assert_eq!((emit(0), emit(1)), (50, 0));
         let both = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), Rules { emit_both: true, ..rules });
         assert_eq!(both.materials.iter().filter(|m| m.exitance[0] > 0.0).count(), 100);
     }

@@ -1,0 +1,135 @@
+//! Group relaxation: light from outside the group is gathered once, light between its clusters is iterated to
+//! convergence.
+
+use crate::base::{Error, Progress, Result};
+use crate::model::geometry::SideMaterial;
+use crate::transport::light::line::Halves;
+use crate::transport::light::lit::LitCluster;
+use crate::transport::nodes::mesh::Mesh;
+use crate::transport::refine::{Measured, Sides};
+use crate::transport::row::Part;
+use crate::transport::source::ClusterView;
+
+/// A cluster of the group while it is relaxed.
+pub struct Member {
+    /// Its elements and rows.
+    pub mesh: Mesh,
+    /// Reflectance and exitance of its patch sides.
+    pub materials: Vec<SideMaterial>,
+    /// Its light now.
+    pub lit: LitCluster,
+    /// Rows that each element has its light from: see [`Mesh::rows_above`].
+    pub above: Vec<[u32; 2]>,
+    /// What each row receives from lamps and from outside the group.
+    pub external: Vec<Halves>,
+    /// Share of each row's rays that leaves the model.
+    pub escapes: Vec<f32>,
+}
+
+/// Gives what a member's rows receive from within the group.
+pub trait Inside {
+    /// Calls `visit` for every indirect row of member `index` with its number and the sum of what it receives from
+    /// outside and, by the light of `members` now, from within.
+    fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(usize, &Halves)) -> Result<()>;
+}
+
+/// The shapes of a member: where its rows were measured.
+pub trait Shapes {
+    /// Calls `with` for a member.
+    fn with(&self, index: usize, with: &mut dyn FnMut(&ClusterView<'_>, &Sides)) -> Result<()>;
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Inner {
+    /// After so many gathers.
+    Gathers(u32),
+    /// When what is left to change is below this, relative to the group's irradiance.
+    Converge {
+        /// In the norm of `--tolerance`.
+        tolerance: f64,
+        /// Largest reflectance: bounds the ratio of successive changes.
+        q: f64,
+    },
+}
+
+/// Most sweeps of one visit: a bound against a tolerance below rounding.
+const MOST_SWEEPS: u32 = 1000;
+
+/// Relaxes the group: clusters in order, each with the newest light of the others. `seed`: the places of rows derive
+/// from it. Returns the sweeps.
+pub fn relax(
+    members: &mut [Member],
+    shapes: &dyn Shapes,
+    inside: &mut dyn Inside,
+    inner: Inner,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<u32> {
+    for index in 0..members.len() {
+        fit_external(members, index, shapes, seed)?;
+    }
+    let mut sweeps = 0;
+    let mut last_change = f64::INFINITY;
+    loop {
+        let (mut change, mut level) = (0.0, 0.0);
+        for index in 0..members.len() {
+            if progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let mut fits = Vec::new();
+            {
+                let members = &*members;
+                let mesh = &members[index].mesh;
+                let mut result = Ok(());
+                shapes.with(index, &mut |view, sides| {
+                    result = inside.each(index, members, &mut |row, halves| {
+                        let of = &mesh.rows[row];
+                        let name = mesh.elements[of.element as usize].name;
+                        fits.push((row, Measured::of(view, sides, name, of.part, seed).fit(of.rounds, halves)));
+                    });
+                })?;
+                result?;
+            }
+            let member = &mut members[index];
+            for (row, fit) in fits {
+                member.mesh.rows[row].set(&fit);
+            }
+            let before: Vec<_> = member.mesh.elements.iter().map(|e| e.line.mean).collect();
+            member.mesh.push_pull(&member.above);
+            for (element, old) in member.mesh.elements.iter().zip(before).filter(|(e, _)| e.is_leaf()) {
+                change += element.area_m2 * (element.line.mean - old).norm_squared();
+                level += element.area_m2 * element.line.mean.norm_squared();
+            }
+            member.lit.relight(&member.mesh, &member.materials);
+        }
+        sweeps += 1;
+        let relative = if level > 0.0 { (change / level).sqrt() } else { 0.0 };
+        let finished = match inner {
+            Inner::Gathers(count) => sweeps >= count,
+            Inner::Converge { tolerance, q } => {
+                let ratio = (relative / last_change).clamp(0.0, q);
+                relative == 0.0 || (sweeps > 1 && relative * ratio / (1.0 - ratio) <= tolerance)
+            }
+        };
+        last_change = relative;
+        if finished || sweeps >= MOST_SWEEPS {
+            return Ok(sweeps);
+        }
+    }
+}
+
+/// Direct light does not change while a group is relaxed.
+fn fit_external(members: &mut [Member], index: usize, shapes: &dyn Shapes, seed: u64) -> Result<()> {
+    let member = &mut members[index];
+    shapes.with(index, &mut |view, sides| {
+        for row in 0..member.mesh.rows.len() {
+            let of = &member.mesh.rows[row];
+            if of.part == Part::Direct {
+                let name = member.mesh.elements[of.element as usize].name;
+                let fit = Measured::of(view, sides, name, of.part, seed).fit(of.rounds, &member.external[row]);
+                member.mesh.rows[row].set(&fit);
+            }
+        }
+    })
+}

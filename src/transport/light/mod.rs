@@ -1,0 +1,4 @@
+//! Light over elements: the line through what was measured, and what leaves the places that rays meet.
+
+pub mod line;
+pub mod lit;

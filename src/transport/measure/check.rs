@@ -1,0 +1,56 @@
+//! Places measured anew, against the light that is stored there: what the rows themselves cannot tell, since those that
+//! came out good by luck are never looked at again.
+
+use glam::DVec3;
+
+use super::lamps::LightTree;
+use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
+use crate::geom::sequence::{Sequence, cosine_direction, mix};
+use crate::rays::RayScene;
+use crate::rays::node::Node;
+use crate::rays::traverse::Nearest;
+
+/// Rays of each half of a place to lamps, and over the hemisphere.
+pub const RAYS: [u64; 2] = [16, 64];
+
+/// What a place is measured with.
+pub struct Check<'a> {
+    /// What rays can meet.
+    pub scene: RayScene<'a>,
+    /// The lamps in sight.
+    pub lamps: &'a LightTree,
+    /// Exitance of a lamp, W/m2.
+    pub exitance: &'a dyn Fn(NodeName) -> Result<[f32; 3]>,
+    /// Reflected light that leaves a place, W/m2.
+    pub leaving: &'a dyn Fn(ClusterId, PatchSide, DVec3) -> Result<[f32; 3]>,
+}
+
+impl Check<'_> {
+    /// What arrives at a place of a node's side, measured twice and independently. Counts rays.
+    pub fn halves(&self, node: &Node, place: DVec3, seed: u64, rays: &mut u64) -> Result<[Rgb; 2]> {
+        let mut halves = [Rgb::BLACK; 2];
+        let aim = self.lamps.aim(place, node.normal);
+        for (half, sum) in halves.iter_mut().enumerate() {
+            let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 1)));
+            if let Some(aim) = &aim {
+                for index in 0..RAYS[0] {
+                    let numbers = sequence.point(index);
+                    if let Some((lamp, factor)) = self.lamps.reach(&self.scene, aim, (node, place), numbers, rays) {
+                        *sum += Rgb::from_f32((self.exitance)(lamp)?) * (factor / RAYS[0] as f64);
+                    }
+                }
+            }
+            let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 3)));
+            for index in 0..RAYS[1] {
+                let [u, v, ..] = sequence.point(index);
+                let direction = cosine_direction(node.normal, u, v);
+                *rays += 1;
+                if let Nearest::Met(hit) = self.scene.nearest(place, direction, Some(&node.end)) {
+                    let from = (self.leaving)(ClusterId(hit.key.cluster), hit.side(), place + direction * hit.t)?;
+                    *sum += Rgb::from_f32(from) * (1.0 / RAYS[1] as f64);
+                }
+            }
+        }
+        Ok(halves)
+    }
+}

@@ -1,0 +1,338 @@
+//! Direct light: rays from the places of an element to lamps, drawn by what each would bring if nothing stood in
+//! between. What it would bring is known in closed form, so that rays tell of shadows alone.
+
+use glam::DVec3;
+
+use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree;
+use crate::rays::node::Node;
+use crate::rays::{RayEnd, RayScene};
+use crate::transport::kernel::form_factor::point_to_polygon;
+use crate::transport::nodes::places::{Draws, Places};
+use crate::transport::row::{Share, slot};
+use crate::transport::source::Clusters;
+
+/// A side that emits.
+#[derive(Clone)]
+struct Lamp {
+    name: NodeName,
+    shape: Polygon,
+    normal: DVec3,
+    end: RayEnd,
+    /// W/m2 (norm over RGB).
+    exitance: f64,
+    area_m2: f64,
+}
+
+/// Lamps that stand for one while rays are shared out.
+#[derive(Clone, Copy)]
+struct Bundle {
+    centre: DVec3,
+    radius_m: f64,
+    /// What leaves it, W (norm over RGB).
+    power_w: f64,
+    /// Mean normal, and the largest difference of a lamp's normal from it.
+    normal: DVec3,
+    normals_differ: f64,
+    /// The first of two children, or the lamp.
+    below: Below,
+}
+
+#[derive(Clone, Copy)]
+enum Below {
+    Lamp(u32),
+    Children(u32),
+}
+
+/// A light tree: lamps that are near each other lie together.
+#[derive(Default)]
+pub struct LightTree {
+    lamps: Vec<Lamp>,
+    /// The root first.
+    bundles: Vec<Bundle>,
+}
+
+/// Size of a lamp, in distances, below which its middle stands for it.
+const SMALL: f64 = 0.1;
+
+/// Size of a lamp, in distances, above which rays to it are drawn by what each would bring.
+const LARGE: f64 = 0.5;
+
+/// Lamps and bundles that rays from a place are shared out among.
+const CANDIDATES: usize = 12;
+
+/// Size of a part of a lamp, in distances, below which its points bring about alike.
+const ALIKE: f64 = 0.15;
+
+impl Lamp {
+    /// Form factor from a point to it if nothing stands in between.
+    fn unoccluded(&self, from: DVec3, normal: DVec3) -> f64 {
+        if self.normal.dot(from - self.shape.corners()[0]) <= 0.0 {
+            return 0.0;
+        }
+        point_to_polygon(from, normal, &self.shape)
+    }
+}
+
+impl Bundle {
+    fn of(lamp: &Lamp, index: u32) -> Self {
+        let (centre, radius_m) = (lamp.shape.centre(), lamp.shape.radius());
+        let power_w = lamp.area_m2 * lamp.exitance;
+        Self { centre, radius_m, power_w, normal: lamp.normal, normals_differ: 0.0, below: Below::Lamp(index) }
+    }
+
+    fn both(a: &Self, b: &Self, children: u32) -> Self {
+        let power_w = a.power_w + b.power_w;
+        let mean = |of: fn(&Self) -> DVec3| (of(a) * a.power_w + of(b) * b.power_w) / power_w;
+        let (centre, normal) = (mean(|l| l.centre), mean(|l| l.normal));
+        let most = |of: &dyn Fn(&Self) -> f64| of(a).max(of(b));
+        let radius_m = most(&|l| l.centre.distance(centre) + l.radius_m);
+        let normals_differ = most(&|l| l.normal.distance(normal) + l.normals_differ);
+        Self { centre, radius_m, power_w, normal, normals_differ, below: Below::Children(children) }
+    }
+
+    /// What arrives at a point, roughly, if nothing stands in between, W/m2; 0 only where nothing can.
+    fn expected(&self, from: DVec3, normal: DVec3) -> f64 {
+        let between = self.centre - from;
+        let distance_m = between.length().max(self.radius_m);
+        let slack = self.radius_m / distance_m;
+        let cos_r = (normal.dot(between) / distance_m + slack).clamp(0.0, 1.0);
+        let cos_s = (-self.normal.dot(between) / distance_m + self.normals_differ + slack).clamp(0.0, 1.0);
+        self.power_w * cos_r * cos_s / (std::f64::consts::PI * distance_m * distance_m)
+    }
+}
+
+impl LightTree {
+    /// The lamps of some clusters.
+    pub fn of_clusters(clusters: &dyn Clusters, ids: &[ClusterId]) -> Result<Self> {
+        let mut lamps = Vec::new();
+        for &id in ids {
+            let loaded = clusters.cluster(id)?;
+            let view = loaded.view();
+            for index in (0..view.materials.len()).filter(|i| view.takes_part(*i)) {
+                let exitance = Rgb::from_f32(view.materials[index].exitance).norm_squared().sqrt();
+                if exitance > 0.0 {
+                    let at = PatchSide::from_index(index);
+                    let Node { name, shape, normal, end } =
+                        Node::root(id, &view.geometry.patches[usize::from(at.patch)], at);
+                    lamps.push(Lamp { name, shape, normal, end, exitance, area_m2: shape.area() });
+                }
+            }
+        }
+        let mut tree = Self::default();
+        let mut order: Vec<Bundle> = lamps.iter().enumerate().map(|(i, l)| Bundle::of(l, i as u32)).collect();
+        tree.lamps = lamps;
+        if let Some(first) = order.first() {
+            tree.bundles.push(*first);
+            tree.build(0, &mut order);
+        }
+        Ok(tree)
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.lamps.is_empty()
+    }
+
+    fn build(&mut self, at: usize, lamps: &mut [Bundle]) {
+        if let [only] = lamps {
+            self.bundles[at] = *only;
+            return;
+        }
+        let (low, high) = lamps.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), lamp| {
+            (low.min(lamp.centre), high.max(lamp.centre))
+        });
+        let extent = high - low;
+        let axis = (0..3).fold(0, |widest, axis| if extent[axis] > extent[widest] { axis } else { widest });
+        // Stable: lamps come in the order of their names.
+        lamps.sort_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]));
+        let (left, right) = lamps.split_at_mut(lamps.len() / 2);
+        let children = self.bundles.len();
+        self.bundles.extend([left[0], right[0]]);
+        self.build(children, left);
+        self.build(children + 1, right);
+        self.bundles[at] = Bundle::both(&self.bundles[children], &self.bundles[children + 1], children as u32);
+    }
+
+    /// How rays from a point are shared out; `None` if no lamp can be seen.
+    #[must_use]
+    pub fn aim(&self, from: DVec3, normal: DVec3) -> Option<Aim> {
+        let mut aim = Aim { among: Vec::with_capacity(2 * CANDIDATES), sum: 0.0 };
+        let mut open: Vec<(f64, u32)> = Vec::with_capacity(CANDIDATES);
+        let root = self.bundles.first()?;
+        open.push((root.expected(from, normal), 0));
+        while let Some((expected, at)) = open.pop() {
+            let bundle = &self.bundles[at as usize];
+            match bundle.below {
+                _ if expected == 0.0 => {}
+                Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
+                Below::Children(_)
+                    if aim.among.len() + open.len() + 1 >= CANDIDATES
+                        && bundle.radius_m < LARGE * bundle.centre.distance(from) =>
+                {
+                    aim.add(expected, at);
+                }
+                Below::Children(first) => {
+                    for child in [first, first + 1] {
+                        let expected = self.bundles[child as usize].expected(from, normal);
+                        // Those that bring most last: they are opened first.
+                        let place = open.partition_point(|(e, _)| *e <= expected);
+                        open.insert(place, (expected, child));
+                    }
+                }
+            }
+        }
+        (aim.sum > 0.0).then_some(aim)
+    }
+
+    /// Casts a ray from a place of a node's side by four numbers in 0..1. Gives the lamp that it reached, and the
+    /// irradiance that it stands for at an exitance of 1, were it the only ray. Counts it.
+    pub fn reach(
+        &self,
+        scene: &RayScene<'_>,
+        aim: &Aim,
+        (node, from): (&Node, DVec3),
+        [x, u, v, choice]: [f64; 4],
+        rays: &mut u64,
+    ) -> Option<(NodeName, f64)> {
+        let (lamp, brings) = self.draw(aim, from, node.normal, x)?;
+        let to = place_of(lamp, from, node.normal, [u, v], choice);
+        *rays += 1;
+        let is_free = !scene.blocked(from, to, &node.end, &lamp.end);
+        is_free.then(|| (lamp.name, brings / lamp.exitance))
+    }
+
+    /// What a lamp would bring, W/m2.
+    fn brings(&self, bundle: &Bundle, lamp: u32, from: DVec3, normal: DVec3) -> f64 {
+        let lamp = &self.lamps[lamp as usize];
+        let between = bundle.centre - from;
+        let distance_m = between.length();
+        let (up, down) = (normal.dot(between), -lamp.normal.dot(between));
+        if bundle.radius_m < SMALL * distance_m && up > bundle.radius_m && down > 0.0 {
+            let squared = distance_m * distance_m;
+            return bundle.power_w * up * down / (std::f64::consts::PI * squared * squared);
+        }
+        lamp.unoccluded(from, normal) * lamp.exitance
+    }
+
+    /// A lamp by a number in 0..1, and what it brings if nothing stands in between relative to the probability that it
+    /// is drawn, W/m2.
+    fn draw(&self, aim: &Aim, from: DVec3, normal: DVec3, x: f64) -> Option<(&Lamp, f64)> {
+        let target = x * aim.sum;
+        let index = aim.among.partition_point(|(upto, _)| *upto <= target).min(aim.among.len() - 1);
+        let before = if index > 0 { aim.among[index - 1].0 } else { 0.0 };
+        let own = aim.among[index].0 - before;
+        let mut rest = ((target - before) / own).clamp(0.0, BELOW_ONE);
+        let mut probability = own / aim.sum;
+        let mut bundle = &self.bundles[aim.among[index].1 as usize];
+        if let Below::Lamp(lamp) = bundle.below {
+            return Some((&self.lamps[lamp as usize], aim.sum));
+        }
+        loop {
+            match bundle.below {
+                Below::Lamp(lamp) => {
+                    let brings = self.brings(bundle, lamp, from, normal);
+                    return (brings > 0.0).then(|| (&self.lamps[lamp as usize], brings / probability));
+                }
+                Below::Children(first) => {
+                    let children = [first, first + 1].map(|at| &self.bundles[at as usize]);
+                    let [one, two] = children.map(|child| child.expected(from, normal));
+                    if one + two == 0.0 {
+                        return None;
+                    }
+                    let of_first = one / (one + two);
+                    let (share, left, next) = if rest < of_first {
+                        (of_first, rest / of_first, children[0])
+                    } else {
+                        (1.0 - of_first, (rest - of_first) / (1.0 - of_first), children[1])
+                    };
+                    (probability, rest, bundle) = (probability * share, left.clamp(0.0, BELOW_ONE), next);
+                }
+            }
+        }
+    }
+}
+
+/// The largest number below 1.
+const BELOW_ONE: f64 = 1.0 - f64::EPSILON;
+
+/// Lamps and bundles that rays from a point are shared out among.
+pub struct Aim {
+    /// What they bring, summed up, W/m2, each with its bundle.
+    among: Vec<(f64, u32)>,
+    sum: f64,
+}
+
+impl Aim {
+    fn add(&mut self, brings: f64, bundle: u32) {
+        if brings > 0.0 {
+            self.sum += brings;
+            self.among.push((self.sum, bundle));
+        }
+    }
+}
+
+/// A place of a lamp by numbers in 0..1. A large one is cut into parts whose points bring about alike; each is drawn by
+/// what it brings, so that shadows count by what they take.
+fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f64) -> DVec3 {
+    let (mut part, mut rest) = (lamp.shape, choice);
+    while part.radius() > ALIKE * part.centre().distance(from) && part.area() > 1e-9 * lamp.area_m2 {
+        let children: [Polygon; 4] = std::array::from_fn(|q| quadtree::child(&part, q as u32));
+        let brings = children.map(|child| point_to_polygon(from, normal, &child));
+        let sum: f64 = brings.iter().sum();
+        if sum <= 0.0 {
+            break;
+        }
+        let (mut left, mut chosen) = (rest * sum, 0);
+        while chosen < 3 && left >= brings[chosen] {
+            left -= brings[chosen];
+            chosen += 1;
+        }
+        rest = (left / brings[chosen]).clamp(0.0, BELOW_ONE);
+        part = children[chosen];
+    }
+    let horizon = normal.dot(from);
+    if part.corners().iter().any(|c| normal.dot(*c) < horizon) {
+        part = part.clip(normal, horizon);
+    }
+    if part.corners().len() < 3 { lamp.shape.centre() } else { part.even_point(u, v) }
+}
+
+/// What rays found, and how many were cast.
+pub struct Cast {
+    /// Lamps that were reached.
+    pub shares: Vec<Share>,
+    /// Rays.
+    pub rays: u64,
+}
+
+/// Casts the rays of some rounds to lamps: one of each half from each open place.
+#[must_use]
+pub fn cast(
+    scene: &RayScene<'_>,
+    tree: &LightTree,
+    node: &Node,
+    places: &Places<'_>,
+    draws: &Draws,
+    rounds: std::ops::Range<u16>,
+) -> Cast {
+    let mut cast = Cast { shares: Vec::new(), rays: 0 };
+    if tree.is_empty() {
+        return cast;
+    }
+    for round in rounds {
+        for place in places.each() {
+            let from = places.at(place, round);
+            let Some(aim) = tree.aim(from, node.normal) else { continue };
+            for half in 0..2 {
+                let numbers = draws.draw(half, place, u32::from(round));
+                if let Some((lamp, factor)) = tree.reach(scene, &aim, (node, from), numbers, &mut cast.rays) {
+                    cast.shares.push(Share { lamp, slot: slot(place, half), factor: factor as f32 });
+                }
+            }
+        }
+    }
+    cast
+}

@@ -1,0 +1,6 @@
+//! Rays from places of elements and from points: to lamps, and over the hemisphere.
+
+pub mod check;
+pub mod hemisphere;
+pub mod lamps;
+pub mod point;

@@ -1,0 +1,91 @@
+//! A row: what an element receives of one part of its light, as measured by rays. It is linear in the light of others.
+
+use crate::base::NodeName;
+
+/// Parts of the light of an element. Each has rows at levels of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u16)]
+pub enum Part {
+    /// Straight from lamps: edges of shadows.
+    Direct = 0,
+    /// Over other surfaces: smooth.
+    Indirect = 1,
+}
+
+impl Part {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Direct, Self::Indirect];
+}
+
+/// Where a ray of an element's hemisphere ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// The whole side that it met, or [`NodeName::ESCAPE`].
+    pub side: NodeName,
+    /// The place, in steps of the patch's frame.
+    pub at: [u16; 2],
+}
+
+/// A lamp that a ray from a place reached.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Share {
+    /// The lamp: a whole side.
+    pub lamp: NodeName,
+    /// Place and half: [`slot`].
+    pub slot: u8,
+    /// Irradiance at the place for an exitance of 1, were it the half's only ray from there.
+    pub factor: f32,
+}
+
+/// Number of a place and half.
+#[must_use]
+pub fn slot(place: usize, half: usize) -> u8 {
+    (2 * place + half) as u8
+}
+
+/// What rays of a row found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Found {
+    /// Of direct light.
+    Shares(Vec<Share>),
+    /// Of indirect light: round by round, place by place, half by half.
+    Hits(Vec<Hit>),
+}
+
+/// A row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The element.
+    pub element: NodeName,
+    /// Which of its light.
+    pub part: Part,
+    /// Rays of each half from each place.
+    pub rounds: u16,
+    /// Bit i: place i is open.
+    pub open: u16,
+    /// What they found.
+    pub found: Found,
+}
+
+impl Row {
+    /// What rows are in order of.
+    #[must_use]
+    pub fn key(&self) -> (NodeName, Part) {
+        (self.element, self.part)
+    }
+
+    /// Entries.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match &self.found {
+            Found::Shares(shares) => shares.len(),
+            Found::Hits(hits) => hits.len(),
+        }
+    }
+
+    /// Whether nothing was found.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
