@@ -276,7 +276,8 @@ fn figures(
     }
     iteration.energy_balance = iteration.power.imbalance();
     let before = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
-    let steering = steer(&error, &before, [residual, iteration.energy_balance], tolerance);
+    let steering =
+        steer(&error, &before, Settling { residual, predicted_error, balance: iteration.energy_balance }, tolerance);
     let converged = complete
         && steering.phase == Phase::Close
         && predicted_error <= tolerance / STOP
@@ -284,8 +285,20 @@ fn figures(
     Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })
 }
 
+/// How far the light of an iteration has settled.
+#[derive(Clone, Copy, Default)]
+struct Settling {
+    residual: f64,
+    predicted_error: f64,
+    balance: f64,
+}
+
+/// Energy balance up to which light adds up.
+const ADDS_UP: f64 = 0.005;
+
 /// What the next iteration is to do about the error of the light; `before`: what the last one said.
-fn steer(error: &ErrorSums, before: &Steering, [residual, balance]: [f64; 2], tolerance: f64) -> Steering {
+fn steer(error: &ErrorSums, before: &Steering, figures: Settling, tolerance: f64) -> Steering {
+    let Settling { residual, predicted_error, balance } = figures;
     let [lit, area] = error.lit;
     let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
     let (correction, correction_error) = corrected(error, before);
@@ -295,13 +308,14 @@ fn steer(error: &ErrorSums, before: &Steering, [residual, balance]: [f64; 2], to
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Light that does not add up is not good enough, whatever its places say.
-    let is_unbalanced = balance > BALANCED && estimated_nrms > LEAST_OF_TOLERANCE * tolerance;
+    let is_still = predicted_error <= tolerance / STOP;
+    let is_unbalanced = is_still && balance > ADDS_UP && estimated_nrms > LEAST_OF_TOLERANCE * tolerance;
     let excess = if is_unbalanced {
         (squared - tolerance * tolerance).max(0.5 * squared)
     } else {
         squared - tolerance * tolerance
     };
-    let is_settled = residual <= SETTLED * estimated_nrms;
+    let is_settled = residual <= SETTLED * estimated_nrms.max(LEAST_OF_TOLERANCE * tolerance);
     let is_known = correction != 0.0 || error.norm == 0.0;
     let (phase, threshold) = if !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
         (Phase::Sweep, None)
@@ -458,6 +472,7 @@ mod tests {
 
     #[test]
     fn rows_are_marked_once_the_light_has_settled_and_until_the_estimate_with_its_doubt_meets_the_tolerance() {
+        let with_change = |residual: f64, balance: f64| Settling { residual, balance, predicted_error: 0.1 * residual };
         // Rows know of an error of 5 % or 10 % of a norm of 2; places measured anew find `correction` times that squared.
         let with = |rough: f64, correction: f64, deviation: f64| {
             let checked = [rough * correction, (rough * deviation).powi(2)];
@@ -468,24 +483,28 @@ mod tests {
         };
         let none = Steering::default();
         let (small, large) = (with(0.01, 1.0, 1e-9), with(0.04, 1.0, 1e-9));
-        let steering = steer(&small, &none, [0.01, 0.0], 0.06);
+        let steering = steer(&small, &none, with_change(0.01, 0.0), 0.06);
         assert_eq!((steering.phase, steering.threshold, steering.lit_mean_w_m2), (Phase::Close, None, 3.0));
         assert!((steering.estimated_nrms - 0.05).abs() < 1e-12, "{}", steering.estimated_nrms);
-        assert_eq!(steer(&small, &none, [0.5, 0.0], 0.06).phase, Phase::Sweep, "light still comes in");
-        let marking = steer(&large, &none, [0.04, 0.0], 0.06);
+        assert_eq!(steer(&small, &none, with_change(0.5, 0.0), 0.06).phase, Phase::Sweep, "light still comes in");
+        let marking = steer(&large, &none, with_change(0.04, 0.0), 0.06);
         assert!(marking.phase == Phase::Mark && marking.threshold.is_some());
         assert_eq!(
-            steer(&small, &marking, [0.01, 0.0], 0.06).phase,
+            steer(&small, &marking, with_change(0.01, 0.0), 0.06).phase,
             Phase::Sweep,
             "what was just marked is measured once more"
         );
         // What rows do not know of is found where places are measured anew, and remembered.
-        let wrong = steer(&with(0.01, 4.0, 0.1), &none, [0.01, 0.0], 0.06);
+        let wrong = steer(&with(0.01, 4.0, 0.1), &none, with_change(0.01, 0.0), 0.06);
         assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
-        let later = steer(&with(0.01, 1.0, 0.1), &wrong, [0.01, 0.0], 0.06);
+        let later = steer(&with(0.01, 1.0, 0.1), &wrong, with_change(0.01, 0.0), 0.06);
         assert!((later.correction - 2.0).abs() < 1e-9, "a third of what was found before: {later:?}");
-        assert_eq!(steer(&small, &none, [0.01, 0.02], 0.06).phase, Phase::Mark, "it does not add up");
-        assert_eq!(steer(&ErrorSums::default(), &none, [0.0, 0.0], 0.06).phase, Phase::Close, "nothing is lit");
+        assert_eq!(steer(&small, &none, with_change(0.01, 0.02), 0.06).phase, Phase::Mark, "it does not add up");
+        assert_eq!(
+            steer(&ErrorSums::default(), &none, with_change(0.0, 0.0), 0.06).phase,
+            Phase::Close,
+            "nothing is lit"
+        );
     }
 
     #[test]

@@ -80,7 +80,7 @@ impl Case {
     pub fn offer(&self) -> Option<Offer> {
         let Fit { found, noise, .. } = self.fit;
         let rays = f64::from(self.rounds) * ROUND;
-        let cast = (self.rounds < MOST_ROUNDS && noise > 0.0).then(|| Offer {
+        let cast = (self.rounds < MOST_ROUNDS && noise > 0.0).then_some(Offer {
             act: Act::Cast,
             promise: DOUBLED * noise * self.weight_m2,
             cost: rays,

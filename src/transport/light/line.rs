@@ -195,8 +195,8 @@ impl Design {
             self.each().fold(Rgb::BLACK, |sum, i| sum + Rgb::from_f32(halves[i][half]) * term[i])
         };
         let (mut bend, mut rest) = (0.0, 0.0);
-        for half in 0..2 {
-            rest += self.each().map(|i| Rgb::from_f32(halves[i][half]).norm_squared()).sum::<f64>();
+        for i in self.each() {
+            rest += halves[i].iter().map(|half| Rgb::from_f32(*half).norm_squared()).sum::<f64>();
         }
         for (index, term) in terms.iter().enumerate() {
             let [a, b] = [0, 1].map(|half| coefficient(half, term));
