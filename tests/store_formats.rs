@@ -41,7 +41,7 @@ fn a_store_of_todays_format_is_sound_and_gives_its_light() {
     let newest = Snapshot::newest(&store).unwrap();
     let emitted = store.version_figures(newest.version()).unwrap().unwrap().iteration.power.emitted_w[0];
     assert!((emitted - 3.0 * std::f64::consts::PI).abs() < 1e-5, "{emitted}");
-    assert_eq!((newest.version(), newest.clusters().count()), (3, 2));
+    assert_eq!((newest.version(), newest.clusters().count()), (4, 2));
     let extent = newest.need(ExtentKind::Radiosity, ClusterId(0)).unwrap();
     let floor = extent.parse(LightView::parse).unwrap();
     let arrives = 4.0 * f64::from(floor.elements[0].irradiance[0]);

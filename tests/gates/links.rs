@@ -188,7 +188,8 @@ fn shares_of(all: &Rows, side: NodeName, lamp: NodeName) -> (Measured, f64) {
         let (shape, normal, area) = (all.shape(row.element), all.normal(row.element), all.area_m2(row.element));
         let mut halves = [[0.0; 2]; 16];
         for share in shares.iter().filter(|share| share.lamp == lamp) {
-            halves[usize::from(share.slot / 2)][usize::from(share.slot % 2)] += f64::from(share.factor);
+            halves[usize::from(share.slot / 2)][usize::from(share.slot % 2)] +=
+                f64::from(share.factor) / f64::from(row.rounds);
         }
         let (mut exact, mut variance) = (0.0, 0.0);
         for (place, [a, b]) in halves.into_iter().enumerate() {
