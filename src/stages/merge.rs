@@ -276,13 +276,19 @@ fn figures(
     }
     iteration.energy_balance = iteration.power.imbalance();
     let before = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
-    let steering =
-        steer(&error, &before, Settling { residual, predicted_error, balance: iteration.energy_balance }, tolerance);
+    let settling = Settling { residual, predicted_error, balance: iteration.energy_balance };
+    let steering = steer(&error, &before, settling, tolerance * of_rows(&iteration, store.facts()?.mean_reflectance));
     let converged = complete
         && steering.phase == Phase::Close
         && predicted_error <= tolerance / STOP
         && iteration.energy_balance <= BALANCED;
     Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })
+}
+
+/// Share of the tolerance that rows may use up. What few of them have wrong together goes round, and no place tells: it
+/// falls with the root of their number and grows by 1 / (1 - rho), and is to stay below a quarter of the tolerance.
+fn of_rows(figures: &IterationFigures, mean_reflectance: f64) -> f64 {
+    (0.25 * (figures.work.elements as f64).sqrt() * (1.0 - mean_reflectance)).min(1.0)
 }
 
 /// How far the light of an iteration has settled.
