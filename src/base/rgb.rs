@@ -50,10 +50,16 @@ impl Rgb {
         self.0[0].max(self.0[1]).max(self.0[2])
     }
 
+    /// Sum over the channels of their products.
+    #[must_use]
+    pub fn dot(self, other: Self) -> f64 {
+        self.0[0] * other.0[0] + self.0[1] * other.0[1] + self.0[2] * other.0[2]
+    }
+
     /// Sum of squares of the channels.
     #[must_use]
     pub fn norm_squared(self) -> f64 {
-        self.0[0] * self.0[0] + self.0[1] * self.0[1] + self.0[2] * self.0[2]
+        self.dot(self)
     }
 
     /// Whether every channel is exactly 0.

@@ -12,9 +12,10 @@ use crate::model::links::{LinksView, for_each_row};
 use crate::store::Extent;
 use crate::store::tasks::UpdateRow;
 use crate::transport::iterate::relax::{Inside, Member};
-use crate::transport::light::line::{Halves, PLACES};
+use crate::transport::light::line::Halves;
 use crate::transport::light::lit::{Lights, LitCluster};
-use crate::transport::row::Row;
+use crate::transport::row::{Row, add, slots};
+use crate::transport::source::exitance;
 
 /// A cluster's link extents, base first.
 pub enum Chain {
@@ -141,7 +142,7 @@ impl RowStore<'_, '_> {
         let places: Vec<_> = views.iter().map(|v| self.places(v.sides, Wanted::Outside)).collect::<Result<_>>()?;
         let exitances: Vec<Vec<[f32; 3]>> = views
             .iter()
-            .map(|v| v.sides.iter().map(|&name| self.exitance(NodeName(name))).collect())
+            .map(|v| v.sides.iter().map(|&name| exitance(self.set, NodeName(name))).collect())
             .collect::<Result<_>>()?;
         let (mut external, mut escapes) = (Vec::new(), Vec::new());
         for_each_row(&views, |of, head| {
@@ -167,15 +168,6 @@ impl RowStore<'_, '_> {
         Ok((external, escapes))
     }
 
-    fn exitance(&self, name: NodeName) -> Result<[f32; 3]> {
-        if name == NodeName::ESCAPE {
-            return Ok([0.0; 3]);
-        }
-        use crate::transport::source::Loaded;
-        let mapped = self.set.mapped(name.cluster())?;
-        Ok(mapped.view().materials[name.patch_side().index()].exitance)
-    }
-
     /// What comes to a member from within the group.
     fn resolve(&self, index: usize, members: &[Member]) -> Result<Resolved> {
         let chain = self.chain(index)?;
@@ -198,22 +190,6 @@ impl RowStore<'_, '_> {
             number += 1;
         });
         Ok(resolved)
-    }
-}
-
-/// Slots of a row's hits in their order.
-fn slots(open: u16) -> impl Iterator<Item = usize> {
-    let places: Vec<usize> = (0..PLACES).filter(|i| open & (1 << i) != 0).collect();
-    let count = 2 * places.len();
-    (0..).map(move |i: usize| {
-        let at = i % count.max(1);
-        2 * places[at / 2] + at % 2
-    })
-}
-
-fn add(halves: &mut Halves, slot: usize, light: [f32; 3], weight: f32) {
-    for (sum, x) in halves[slot / 2][slot % 2].iter_mut().zip(light) {
-        *sum += weight * x;
     }
 }
 

@@ -28,7 +28,7 @@ use crate::transport::measure::lamps::LightTree;
 use crate::transport::records;
 use crate::transport::refine::{self, Around, Context, Refined, Sides};
 use crate::transport::row::{Hit, Part};
-use crate::transport::source::{ClusterView, Loaded};
+use crate::transport::source::{ClusterView, Loaded, exitance};
 
 /// What shapes a visit's result.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,14 +104,13 @@ impl SidesCache {
 struct GroupShapes<'a, 's> {
     set: &'a WorkingSet<'s>,
     clusters: &'a [ClusterId],
-    sides: RefCell<Vec<Rc<Sides>>>,
+    sides: Vec<Rc<Sides>>,
 }
 
 impl Shapes for GroupShapes<'_, '_> {
     fn with(&self, index: usize, with: &mut dyn FnMut(&ClusterView<'_>, &Sides)) -> Result<()> {
         let loaded = self.set.mapped(self.clusters[index])?;
-        let sides = self.sides.borrow()[index].clone();
-        with(&loaded.view(), &sides);
+        with(&loaded.view(), &self.sides[index]);
         Ok(())
     }
 }
@@ -135,7 +134,7 @@ impl GroupSolver<'_, '_> {
         let mut report = TaskReport { complete: self.settings.is_complete, ..TaskReport::default() };
         let mut rows = Vec::new();
         let (mut members, mut in_memory) = (Vec::new(), Vec::new());
-        let shapes = GroupShapes { set: self.set, clusters, sides: RefCell::default() };
+        let mut shapes = GroupShapes { set: self.set, clusters, sides: Vec::with_capacity(clusters.len()) };
         self.progress.begin("refine", "clusters", Some(clusters.len() as u64));
         for (done, &id) in clusters.iter().enumerate() {
             let loaded = self.set.mapped(id)?;
@@ -159,7 +158,7 @@ impl GroupSolver<'_, '_> {
             let lit = LitCluster::of(&mesh, view.geometry.patches, &materials);
             let above = mesh.rows_above();
             members.push(Member { mesh, materials, lit, above, external: Vec::new(), escapes: Vec::new() });
-            shapes.sides.borrow_mut().push(sides);
+            shapes.sides.push(sides);
             drop(written);
             if entries * size_of::<Hit>() > MANY_LINKS_BYTES {
                 segment::give_back_freed_memory();
@@ -180,8 +179,8 @@ impl GroupSolver<'_, '_> {
         report.q_max =
             members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
         self.write_light(clusters, &members, writer, &mut rows)?;
-        for member in &members {
-            self.count_energy(member, &mut report)?;
+        for (member, sides) in members.iter().zip(&shapes.sides) {
+            self.count_energy(member, sides, &mut report)?;
             self.count_error(member, &mut report)?;
         }
         if !self.settings.is_dark {
@@ -242,7 +241,7 @@ impl GroupSolver<'_, '_> {
     }
 
     /// Adds a cluster's power to the report: what its sides emit and absorb, and what leaves the model.
-    fn count_energy(&self, member: &Member, report: &mut TaskReport) -> Result<()> {
+    fn count_energy(&self, member: &Member, sides: &Sides, report: &mut TaskReport) -> Result<()> {
         let loaded = self.set.mapped(member.mesh.cluster)?;
         let view = loaded.view();
         let add = |sum: &mut [f64; 3], power: Rgb| {
@@ -251,7 +250,6 @@ impl GroupSolver<'_, '_> {
             }
         };
         let patches = view.geometry.patches;
-        let sides = self.sides.of(&view, &self.scene);
         for (at, element) in member.mesh.elements.iter().enumerate().filter(|(_, e)| e.is_leaf()) {
             let side = element.name.patch_side();
             let material = &member.materials[side.index()];
@@ -296,7 +294,7 @@ impl GroupSolver<'_, '_> {
     /// Measures places of the group anew, more of them where more error is expected, and adds what their light is off.
     fn check(&self, clusters: &[ClusterId], members: &[Member], report: &mut TaskReport) -> Result<()> {
         let mut expected: Vec<(f64, usize, usize)> = Vec::new();
-        let (mut sum, mut rays_in_rows) = (0.0, 0.0);
+        let mut sum = 0.0;
         for (index, member) in members.iter().enumerate() {
             let loaded = self.set.mapped(clusters[index])?;
             let view = loaded.view();
@@ -314,26 +312,18 @@ impl GroupSolver<'_, '_> {
                     expected.push((sum, index, at));
                 }
             }
-            rays_in_rows += member.mesh.rows.iter().map(|row| f64::from(row.rounds) * 32.0).sum::<f64>();
         }
         if expected.is_empty() {
             return Ok(());
         }
         let rays_of_place = 2.0 * (RAYS[0] + RAYS[1]) as f64;
-        let count = (CHECKED.0 * rays_in_rows / rays_of_place).max(CHECKED.1) as u64;
+        let count = (CHECKED.0 * report.error.rays / rays_of_place).max(CHECKED.1) as u64;
         let seed = mix(self.settings.seed ^ mix(self.settings.version ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
-        let exitance = |name: NodeName| {
-            let mapped = self.set.mapped(name.cluster())?;
-            Ok(mapped.view().materials[name.patch_side().index()].exitance)
-        };
+        let exitance = |lamp: NodeName| exitance(self.set, lamp);
         let leaving = |cluster: ClusterId, side: PatchSide, place: DVec3| {
-            let look = |lit: &LitCluster| {
-                let (leaf, at) = lit.leaf_at(side, lit.frame(side.patch).plane(place).map(|x| x as f32));
-                lit.leaving(leaf, at)
-            };
             Ok(match clusters.binary_search(&cluster) {
-                Ok(index) => look(&members[index].lit),
-                Err(_) => look(&*self.set.lit(cluster)?),
+                Ok(index) => members[index].lit.leaving_at(side, place),
+                Err(_) => self.set.lit(cluster)?.leaving_at(side, place),
             })
         };
         let (mut lamps, mut lamps_of) = (LightTree::default(), usize::MAX);
@@ -361,8 +351,7 @@ impl GroupSolver<'_, '_> {
             let [a, b] = halves.map(|half| half - stored);
             let counts =
                 (self.settings.cap_w_m2.powi(2) / leaf.line.mean.norm_squared().max(f64::MIN_POSITIVE)).min(1.0);
-            let product = a.0[0] * b.0[0] + a.0[1] * b.0[1] + a.0[2] * b.0[2];
-            let value = product * counts * leaf.area_m2 * sum / own;
+            let value = a.dot(b) * counts * leaf.area_m2 * sum / own;
             total += value;
             squares += value * value;
         }

@@ -15,8 +15,8 @@ use super::nodes::mesh::Mesh;
 use super::nodes::places::{Draws, Places};
 use super::oracle;
 use super::records;
-use super::refine::{self, Around, Context, Measured, Refined, Sides, add_hits};
-use super::row::{Found, Part, Row};
+use super::refine::{self, Around, Context, Measured, Refined, Sides};
+use super::row::{Found, Part, Row, add, slots};
 use super::source::{ClusterView, Clusters, Loaded};
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
@@ -216,8 +216,7 @@ impl MemoryScene {
             for share in shares {
                 let lamp = &self.stored[share.lamp.cluster().0 as usize];
                 let exitance = lamp.materials[share.lamp.patch_side().index()].exitance;
-                let sum = &mut halves[usize::from(share.slot / 2)][usize::from(share.slot % 2)];
-                sum.iter_mut().zip(exitance).for_each(|(sum, x)| *sum += share.factor * x / f32::from(row.rounds));
+                add(&mut halves, usize::from(share.slot), exitance, share.factor / f32::from(row.rounds));
             }
         }
         halves
@@ -303,10 +302,11 @@ impl Inside for MemoryRows<'_> {
         for (number, row) in self.0[index].iter().enumerate() {
             let Found::Hits(hits) = &row.found else { continue };
             let mut halves = members[index].external[number];
-            add_hits(&mut halves, row.rounds, row.open, hits, |hit| match hit.side {
-                NodeName::ESCAPE => [0.0; 3],
-                side => members[side.cluster().0 as usize].lit.leaving_from(side.patch_side(), hit.at),
-            });
+            let weight = 1.0 / f32::from(row.rounds);
+            for (hit, slot) in hits.iter().zip(slots(row.open)).filter(|(hit, _)| hit.side != NodeName::ESCAPE) {
+                let lit = &members[hit.side.cluster().0 as usize].lit;
+                add(&mut halves, slot, lit.leaving_from(hit.side.patch_side(), hit.at), weight);
+            }
             visit(number, &halves);
         }
         Ok(())

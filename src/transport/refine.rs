@@ -6,7 +6,7 @@ use crate::base::{Error, NodeName, PatchSide, Progress, Result};
 use crate::rays::RayScene;
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
-use crate::transport::light::line::{Fit, Halves, Line, PLACES};
+use crate::transport::light::line::{Fit, Halves, Line};
 use crate::transport::light::lit::Lights;
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::measure::{hemisphere, lamps};
@@ -14,8 +14,8 @@ use crate::transport::nodes::frame::{Frame, Plane};
 use crate::transport::nodes::mesh::{Mesh, MeshRow};
 use crate::transport::nodes::places::{Draws, Places};
 use crate::transport::oracle::{ACTS, Act, Case, FIRST_ROUNDS, MOST_ROUNDS, rounds_of_children};
-use crate::transport::row::{Found, Part, Row};
-use crate::transport::source::{ClusterView, Clusters};
+use crate::transport::row::{Found, Part, Row, add, slots};
+use crate::transport::source::{ClusterView, Clusters, exitance};
 
 /// What stays the same over a visit.
 pub struct Context<'a> {
@@ -101,18 +101,6 @@ impl<'a> Measured<'a> {
     #[must_use]
     pub fn open(&self) -> u16 {
         self.places.open
-    }
-}
-
-/// Adds to the halves of a row, in the order of its hits, what `leaving` says comes from each, W/m2.
-pub fn add_hits<T>(halves: &mut Halves, rounds: u16, open: u16, hits: &[T], mut leaving: impl FnMut(&T) -> [f32; 3]) {
-    let share = 1.0 / f32::from(rounds.max(1));
-    let each = (0..PLACES).filter(|i| open & (1 << i) != 0).flat_map(|place| [(place, 0), (place, 1)]);
-    for ((place, half), hit) in each.cycle().zip(hits) {
-        let light = leaving(hit);
-        for (sum, x) in halves[place][half].iter_mut().zip(light) {
-            *sum += share * x;
-        }
     }
 }
 
@@ -261,34 +249,18 @@ impl Refiner<'_, '_> {
     /// What arrives over a row by the light of the version.
     fn halves(&self, row: &Row) -> Result<Halves> {
         let mut halves = Halves::default();
+        let weight = 1.0 / f32::from(row.rounds.max(1));
         match &row.found {
             Found::Shares(shares) => {
-                let weight = 1.0 / f32::from(row.rounds.max(1));
                 for share in shares {
-                    let loaded = self.context.clusters.cluster(share.lamp.cluster())?;
-                    let exitance = loaded.view().materials[share.lamp.patch_side().index()].exitance;
-                    let sum = &mut halves[usize::from(share.slot / 2)][usize::from(share.slot % 2)];
-                    for (sum, x) in sum.iter_mut().zip(exitance) {
-                        *sum += share.factor * weight * x;
-                    }
+                    let light = exitance(self.context.clusters, share.lamp)?;
+                    add(&mut halves, usize::from(share.slot), light, share.factor * weight);
                 }
             }
             Found::Hits(hits) => {
-                let mut failed = None;
-                add_hits(&mut halves, row.rounds, row.open, hits, |hit| {
-                    if hit.side == NodeName::ESCAPE {
-                        return [0.0; 3];
-                    }
-                    match self.context.lights.lit(hit.side.cluster()) {
-                        Ok(lit) => lit.leaving_from(hit.side.patch_side(), hit.at),
-                        Err(error) => {
-                            failed = Some(error);
-                            [0.0; 3]
-                        }
-                    }
-                });
-                if let Some(error) = failed {
-                    return Err(error);
+                for (hit, slot) in hits.iter().zip(slots(row.open)).filter(|(hit, _)| hit.side != NodeName::ESCAPE) {
+                    let lit = self.context.lights.lit(hit.side.cluster())?;
+                    add(&mut halves, slot, lit.leaving_from(hit.side.patch_side(), hit.at), weight);
                 }
             }
         }

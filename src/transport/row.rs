@@ -1,6 +1,7 @@
 //! A row: what an element receives of one part of its light, as measured by rays. It is linear in the light of others.
 
 use crate::base::NodeName;
+use crate::transport::light::line::{Halves, PLACES};
 
 /// Parts of the light of an element. Each has rows at levels of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -41,6 +42,19 @@ pub struct Share {
 #[must_use]
 pub fn slot(place: usize, half: usize) -> u8 {
     (2 * place + half) as u8
+}
+
+/// Slots of a row's hits in their order: place by place, half by half, round after round.
+pub fn slots(open: u16) -> impl Iterator<Item = usize> {
+    (0..PLACES).filter(move |i| open & (1 << i) != 0).flat_map(|place| [2 * place, 2 * place + 1]).cycle()
+}
+
+/// Adds light, W/m2, to a slot.
+#[inline]
+pub fn add(halves: &mut Halves, slot: usize, light: [f32; 3], weight: f32) {
+    for (sum, x) in halves[slot / 2][slot % 2].iter_mut().zip(light) {
+        *sum += weight * x;
+    }
 }
 
 /// What rays of a row found.

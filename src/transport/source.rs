@@ -53,6 +53,15 @@ pub trait Loaded {
     fn view(&self) -> ClusterView<'_>;
 }
 
+/// Exitance of a side, W/m2; none of what is no side.
+pub fn exitance(clusters: &dyn Clusters, side: NodeName) -> Result<[f32; 3]> {
+    if side == NodeName::ESCAPE {
+        return Ok([0.0; 3]);
+    }
+    let loaded = clusters.cluster(side.cluster())?;
+    Ok(loaded.view().materials[side.patch_side().index()].exitance)
+}
+
 /// Clusters of one version, fetched as needed; implemented over a store, and in memory by tests.
 pub trait Clusters {
     /// A cluster, from a bounded cache or the disk.

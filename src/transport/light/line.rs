@@ -127,8 +127,7 @@ impl Design {
         }
         // Mean product over the places of what two slopes bring.
         let product = |p: &[Rgb; 2], q: &[Rgb; 2]| {
-            let dot = |a: &Rgb, b: &Rgb| a.0[0] * b.0[0] + a.0[1] * b.0[1] + a.0[2] * b.0[2];
-            (xx * dot(&p[0], &q[0]) + xy * (dot(&p[0], &q[1]) + dot(&p[1], &q[0])) + yy * dot(&p[1], &q[1])) / n
+            (xx * p[0].dot(q[0]) + xy * (p[0].dot(q[1]) + p[1].dot(q[0])) + yy * p[1].dot(q[1])) / n
         };
         let both = [0, 1].map(|k| (slopes[0][k] + slopes[1][k]) * 0.5);
         // What the halves differ by at a place is noise; slopes follow from twice as many numbers at n places.
@@ -143,7 +142,7 @@ impl Design {
         for i in self.each() {
             // Whole slopes: chosen by the same numbers, the share would hide part of what lines leave.
             let [a, b] = [0, 1].map(|half| value(i, half) - predicted(half, i, 1.0));
-            let z = a.0[0] * b.0[0] + a.0[1] * b.0[1] + a.0[2] * b.0[2];
+            let z = a.dot(b);
             products += z;
             squares += z * z;
         }
@@ -202,7 +201,7 @@ impl Design {
             let [a, b] = [0, 1].map(|half| coefficient(half, term));
             rest -= a.norm_squared() + b.norm_squared();
             if index >= 3 {
-                bend += a.0[0] * b.0[0] + a.0[1] * b.0[1] + a.0[2] * b.0[2];
+                bend += a.dot(b);
             }
         }
         let variance = rest.max(0.0) / (2 * (n - TERMS)) as f64;

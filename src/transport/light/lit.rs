@@ -1,5 +1,7 @@
 //! The light that leaves the places of a cluster, ready to be looked up by rays that met them.
 
+use std::rc::Rc;
+
 use glam::DVec3;
 
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
@@ -8,7 +10,7 @@ use crate::geom::quadtree::{Parting, parting};
 use crate::model::geometry::{NONE, PatchRecord, SideMaterial};
 use crate::transport::nodes::frame::{Frame, Plane};
 use crate::transport::nodes::mesh::Mesh;
-use std::rc::Rc;
+use crate::transport::row::Hit;
 
 /// An element: a leaf with its light, or lines that part its children.
 #[derive(Clone, Copy)]
@@ -101,6 +103,13 @@ impl LitCluster {
         std::array::from_fn(|c| (n[c] + n[3 + c] * x + n[6 + c] * y).max(0.0))
     }
 
+    /// Reflected light that leaves a place of a side, W/m2.
+    #[must_use]
+    pub fn leaving_at(&self, side: PatchSide, place: DVec3) -> [f32; 3] {
+        let (leaf, at) = self.leaf_at(side, self.frame(side.patch).plane(place).map(|x| x as f32));
+        self.leaving(leaf, at)
+    }
+
     /// Reflected light that leaves a stored place of a side, W/m2.
     #[inline]
     #[must_use]
@@ -124,7 +133,7 @@ fn lines(frame: &Frame, shape: &Polygon) -> (Parting, [f32; 9]) {
 
 /// A place that a ray met, as rows name it.
 #[must_use]
-pub fn met(lit: &LitCluster, cluster: ClusterId, side: PatchSide, place: DVec3) -> super::super::row::Hit {
+pub fn met(lit: &LitCluster, cluster: ClusterId, side: PatchSide, place: DVec3) -> Hit {
     let frame = lit.frame(side.patch);
-    super::super::row::Hit { side: NodeName::root(cluster, side), at: frame.pack(frame.plane(place)) }
+    Hit { side: NodeName::root(cluster, side), at: frame.pack(frame.plane(place)) }
 }

@@ -4,13 +4,13 @@
 use glam::DVec3;
 
 use super::lamps::LightTree;
-use crate::base::{ClusterId, PatchSide, Result, Rgb};
+use crate::base::{ClusterId, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
 use crate::transport::light::lit::Lights;
-use crate::transport::source::Clusters;
+use crate::transport::source::{Clusters, exitance};
 
 /// Rays of a batch.
 const BATCH: u64 = 64;
@@ -75,8 +75,7 @@ impl Gather<'_> {
                         direct.add(Rgb::BLACK);
                         continue;
                     };
-                    let loaded = self.clusters.cluster(lamp.cluster())?;
-                    direct.add(Rgb::from_f32(loaded.view().materials[lamp.patch_side().index()].exitance) * factor);
+                    direct.add(Rgb::from_f32(exitance(self.clusters, lamp)?) * factor);
                 }
             }
             if is_early || indirect.variance() > 0.5 * enough {
@@ -86,7 +85,8 @@ impl Gather<'_> {
                     *rays += 1;
                     indirect.add(match self.scene.nearest(point, direction, Some(&node.end)) {
                         Nearest::Met(hit) => {
-                            self.leaving(ClusterId(hit.key.cluster), hit.side(), point + direction * hit.t)?
+                            let lit = self.lights.lit(ClusterId(hit.key.cluster))?;
+                            Rgb::from_f32(lit.leaving_at(hit.side(), point + direction * hit.t))
                         }
                         Nearest::Escaped | Nearest::Covered => Rgb::BLACK,
                     });
@@ -94,12 +94,5 @@ impl Gather<'_> {
             }
         }
         Ok(direct.mean() + indirect.mean())
-    }
-
-    fn leaving(&self, cluster: ClusterId, side: PatchSide, place: DVec3) -> Result<Rgb> {
-        let lit = self.lights.lit(cluster)?;
-        let at = lit.frame(side.patch).plane(place).map(|x| x as f32);
-        let (leaf, at) = lit.leaf_at(side, at);
-        Ok(Rgb::from_f32(lit.leaving(leaf, at)))
     }
 }
