@@ -11,7 +11,7 @@ use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
-use crate::model::figures::{IterationFigures, Phase, Steering, Work};
+use crate::model::figures::{IterationFigures, Phase, Work};
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
 use crate::model::order::UpdateOrder;
@@ -20,7 +20,7 @@ use crate::store::branches::VersionRow;
 use crate::store::merging::{TaskRow, TaskState, VersionFigures};
 use crate::store::{Snapshot, Stage, Store};
 use crate::transport::iterate::residual::{self, Change};
-use crate::transport::oracle;
+use crate::transport::steer::{self, STOP, Settling};
 
 /// `merge` takes tolerance and order from the tasks.
 #[derive(Clone, Debug, Default)]
@@ -62,9 +62,9 @@ pub struct Summary {
     /// Figures of the last iteration; none before the first, and null in JSON.
     #[serde(flatten, serialize_with = "figures_or_nulls")]
     pub figures: Option<IterationFigures>,
-    /// Whether the light no longer changes and yet does not add up.
+    /// Why the branch has ended without having converged.
     #[serde(skip)]
-    pub is_unbalanced: bool,
+    pub unmet: Option<Unmet>,
     /// The command to type next.
     pub next: Option<String>,
 }
@@ -115,14 +115,23 @@ impl super::summary::Summary for Summary {
     }
 
     fn shortfall(&self) -> Option<Error> {
-        let balance = self.figures.filter(|_| self.is_unbalanced)?.energy_balance;
-        Some(Error::NotConverged {
-            message: format!(
+        let message = match self.unmet? {
+            Unmet::Balance => format!(
                 "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
-                100.0 * balance
+                100.0 * self.figures?.energy_balance
             ),
-            help: "run again with a smaller `--tolerance`, or a finer `--quality`".to_owned(),
-        })
+            Unmet::Tolerance => format!(
+                "not converged: the estimated error of the stored light stays at {:.2} %, whatever is refined",
+                100.0 * self.estimated_nrms?
+            ),
+        };
+        let help = match self.unmet? {
+            Unmet::Balance => "run again with a smaller `--tolerance`, or a finer `--quality`",
+            Unmet::Tolerance => {
+                "the light is stored and may be used; for what is asked, run with a larger `--tolerance`"
+            }
+        };
+        Some(Error::NotConverged { message, help: help.to_owned() })
     }
 }
 
@@ -230,24 +239,34 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         estimated_nrms: f.as_ref().map(|f| f.steering.estimated_nrms),
         groups: store.group_count()?,
         figures: f.as_ref().map(|f| f.iteration),
-        is_unbalanced: f.as_ref().is_some_and(is_unbalanced),
+        unmet: f.as_ref().and_then(unmet),
         next: Some(next),
     })
 }
 
-/// A branch has converged when what is left is below this part of the tolerance. Sweeps over stored links are
-/// cheap, and where reflectance is high the rest is a bias of everything alike.
-const STOP: f64 = 25.0;
-
 /// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
 const BALANCED: f64 = 0.01;
 
-/// Whether light no longer changes though its balance shows that it is wrong: more iterations do not mend that.
+/// Why a branch that no longer changes has not converged: more iterations do not mend that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unmet {
+    /// Its balance shows that it is wrong.
+    Balance,
+    /// Markings no longer make the estimated error fall.
+    Tolerance,
+}
+
+/// Whether, and why, iterations of a branch lead no further.
 #[must_use]
-pub fn is_unbalanced(figures: &VersionFigures) -> bool {
-    figures.iteration.energy_balance > BALANCED
-        && figures.steering.phase == Phase::Close
-        && figures.predicted_error <= figures.tolerance / STOP
+pub fn unmet(figures: &VersionFigures) -> Option<Unmet> {
+    let has_ended = figures.steering.phase == Phase::Close && figures.predicted_error <= figures.tolerance / STOP;
+    if !has_ended || figures.converged {
+        None
+    } else if figures.iteration.energy_balance > BALANCED {
+        Some(Unmet::Balance)
+    } else {
+        (figures.steering.estimated_nrms > figures.tolerance).then_some(Unmet::Tolerance)
+    }
 }
 
 /// Figures of the iteration that ends with the updates `now` on top of `base`.
@@ -276,91 +295,17 @@ fn figures(
     }
     iteration.energy_balance = iteration.power.imbalance();
     let before = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
-    let settling = Settling { residual, predicted_error, balance: iteration.energy_balance };
-    let steering = steer(&error, &before, settling, tolerance * of_rows(&iteration, store.facts()?.mean_reflectance));
+    let has_stalled = steer::has_stalled(&store.estimates_after_markings(tasks[0].branch)?);
+    let settling = Settling { residual, predicted_error, balance: iteration.energy_balance, has_stalled };
+    let of_rows = steer::of_rows(&iteration, store.facts()?.mean_reflectance);
+    let steering = steer::steer(&error, &before, settling, tolerance * of_rows);
     let converged = complete
         && steering.phase == Phase::Close
+        && (!has_stalled || steering.estimated_nrms <= tolerance)
         && predicted_error <= tolerance / STOP
         && iteration.energy_balance <= BALANCED;
     Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })
 }
-
-/// Share of the tolerance that rows may use up. What few of them have wrong together goes round, and no place tells: it
-/// falls with the root of their number and grows by 1 / (1 - rho), and is to stay below a quarter of the tolerance.
-fn of_rows(figures: &IterationFigures, mean_reflectance: f64) -> f64 {
-    (0.25 * (figures.work.elements as f64).sqrt() * (1.0 - mean_reflectance)).min(1.0)
-}
-
-/// How far the light of an iteration has settled.
-#[derive(Clone, Copy, Default)]
-struct Settling {
-    residual: f64,
-    predicted_error: f64,
-    balance: f64,
-}
-
-/// Energy balance up to which light adds up.
-const ADDS_UP: f64 = 0.005;
-
-/// What the next iteration is to do about the error of the light; `before`: what the last one said.
-fn steer(error: &ErrorSums, before: &Steering, figures: Settling, tolerance: f64) -> Steering {
-    let Settling { residual, predicted_error, balance } = figures;
-    let [lit, area] = error.lit;
-    let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
-    let (correction, correction_error) = corrected(error, before);
-    let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
-    let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
-    let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
-    let estimated_nrms = squared.sqrt();
-    let estimated_nrms_error = 0.5 * (most - estimated_nrms);
-    // Light that does not add up is not good enough, whatever its places say.
-    let is_still = predicted_error <= tolerance / STOP;
-    let is_unbalanced = is_still && balance > ADDS_UP && estimated_nrms > LEAST_OF_TOLERANCE * tolerance;
-    let excess = if is_unbalanced {
-        (squared - tolerance * tolerance).max(0.5 * squared)
-    } else {
-        squared - tolerance * tolerance
-    };
-    let is_settled = residual <= SETTLED * estimated_nrms.max(LEAST_OF_TOLERANCE * tolerance);
-    let is_known = correction != 0.0 || error.norm == 0.0;
-    let (phase, threshold) = if !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
-        (Phase::Sweep, None)
-    } else if excess <= 0.0 {
-        (Phase::Close, None)
-    } else {
-        // Where nothing is left to be done, that is it.
-        let threshold = oracle::threshold(&error.bins, excess * error.norm, error.rays);
-        (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
-    };
-    Steering { phase, threshold, lit_mean_w_m2, estimated_nrms, estimated_nrms_error, correction, correction_error }
-}
-
-/// How far what rows know is off: from places measured anew in this iteration, and in those before at half the weight.
-fn corrected(error: &ErrorSums, before: &Steering) -> (f64, f64) {
-    let [squared, variance] = error.checked;
-    if error.places == 0 {
-        return (before.correction, before.correction_error);
-    }
-    // Rows that know of no error at all are not off: there is nothing to be known.
-    let rough = error.rough.max(f64::MIN_POSITIVE);
-    let now = if error.rough > 0.0 { (squared / rough, variance.sqrt() / rough) } else { (1.0, 0.0) };
-    if before.correction == 0.0 || now.1 == 0.0 {
-        return now;
-    }
-    // As worth as they are precise, those before half as much: light has changed since.
-    let weights = [1.0 / (now.1 * now.1), 0.5 / before.correction_error.powi(2).max(f64::MIN_POSITIVE)];
-    let sum = weights[0] + weights[1];
-    ((now.0 * weights[0] + before.correction * weights[1]) / sum, (1.0 / sum).sqrt())
-}
-
-/// Share of the tolerance below which nothing more is done about light that does not add up.
-const LEAST_OF_TOLERANCE: f64 = 0.25;
-
-/// Below this a correction is luck.
-const LEAST_CORRECTION: f64 = 0.05;
-
-/// Share of the estimated error below which what light still changes no longer hides what promises most.
-const SETTLED: f64 = 0.5;
 
 /// The change since the last end of an iteration, over all clusters in order.
 fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Progress) -> Result<Change> {
@@ -474,43 +419,6 @@ mod tests {
             let said = crate::stages::summary::Summary::shortfall(&summary);
             assert_eq!(said.map(|e| e.exit_code()), (!converged).then_some(3));
         }
-    }
-
-    #[test]
-    fn rows_are_marked_once_the_light_has_settled_and_until_the_estimate_with_its_doubt_meets_the_tolerance() {
-        let with_change = |residual: f64, balance: f64| Settling { residual, balance, predicted_error: 0.1 * residual };
-        // Rows know of an error of 5 % or 10 % of a norm of 2; places measured anew find `correction` times that squared.
-        let with = |rough: f64, correction: f64, deviation: f64| {
-            let checked = [rough * correction, (rough * deviation).powi(2)];
-            let mut error =
-                ErrorSums { rough, checked, places: 1, norm: 4.0, lit: [6.0, 2.0], rays: 1e6, ..Default::default() };
-            error.add(5, 1.0, 10.0);
-            error
-        };
-        let none = Steering::default();
-        let (small, large) = (with(0.01, 1.0, 1e-9), with(0.04, 1.0, 1e-9));
-        let steering = steer(&small, &none, with_change(0.01, 0.0), 0.06);
-        assert_eq!((steering.phase, steering.threshold, steering.lit_mean_w_m2), (Phase::Close, None, 3.0));
-        assert!((steering.estimated_nrms - 0.05).abs() < 1e-12, "{}", steering.estimated_nrms);
-        assert_eq!(steer(&small, &none, with_change(0.5, 0.0), 0.06).phase, Phase::Sweep, "light still comes in");
-        let marking = steer(&large, &none, with_change(0.04, 0.0), 0.06);
-        assert!(marking.phase == Phase::Mark && marking.threshold.is_some());
-        assert_eq!(
-            steer(&small, &marking, with_change(0.01, 0.0), 0.06).phase,
-            Phase::Sweep,
-            "what was just marked is measured once more"
-        );
-        // What rows do not know of is found where places are measured anew, and remembered.
-        let wrong = steer(&with(0.01, 4.0, 0.1), &none, with_change(0.01, 0.0), 0.06);
-        assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
-        let later = steer(&with(0.01, 1.0, 0.1), &wrong, with_change(0.01, 0.0), 0.06);
-        assert!((later.correction - 2.0).abs() < 1e-9, "a third of what was found before: {later:?}");
-        assert_eq!(steer(&small, &none, with_change(0.01, 0.02), 0.06).phase, Phase::Mark, "it does not add up");
-        assert_eq!(
-            steer(&ErrorSums::default(), &none, with_change(0.0, 0.0), 0.06).phase,
-            Phase::Close,
-            "nothing is lit"
-        );
     }
 
     #[test]

@@ -115,7 +115,7 @@ impl super::summary::Summary for Summary {
                 help: "run the same command again; if they fail again, give more `--memory`".to_owned(),
             });
         }
-        if self.solution.is_unbalanced {
+        if self.solution.unmet.is_some() {
             return super::summary::Summary::shortfall(&self.solution);
         }
         (!self.solution.converged).then(|| Error::NotConverged {
@@ -261,7 +261,7 @@ impl Coordinator<'_> {
             self.store.forget_old_versions(self.options.keep)?;
             self.store.drop_unreferenced_segments()?;
             let end = self.store.newest_end_of_branch(branch)?;
-            if self.store.version_figures(end)?.as_ref().is_some_and(merge::is_unbalanced) {
+            if self.store.version_figures(end)?.as_ref().and_then(merge::unmet).is_some() {
                 return Ok((branch, Vec::new()));
             }
         }

@@ -17,3 +17,4 @@ pub mod records;
 pub mod refine;
 pub mod row;
 pub mod source;
+pub mod steer;

@@ -64,6 +64,9 @@ const DOUBLED: f64 = 0.5;
 /// Rounds of a side's first rows.
 pub const FIRST_ROUNDS: u16 = 2;
 
+/// Rounds, at least, of the rows of elements that were split: fewer take noise for structure.
+const LEAST_ROUNDS: u16 = 4;
+
 /// Acts, one upon the other, that a row and those that come of it may see in one visit: what they promise is known only
 /// as well as their rays tell.
 pub const ACTS: u32 = 2;
@@ -71,10 +74,16 @@ pub const ACTS: u32 = 2;
 /// Rounds of the rows of an element's children: as many rays as before in half of them.
 #[must_use]
 pub fn rounds_of_children(rounds: u16) -> u16 {
-    (rounds / 2).max(FIRST_ROUNDS)
+    (rounds / 2).max(LEAST_ROUNDS)
 }
 
 impl Case {
+    /// Whether its element may have children.
+    #[must_use]
+    pub fn may_be_split(&self) -> bool {
+        self.depth < MAX_DEPTH && !self.is_smallest
+    }
+
     /// What is best done about the row; `None` if nothing is.
     #[must_use]
     pub fn offer(&self) -> Option<Offer> {
@@ -93,8 +102,7 @@ impl Case {
         } else {
             0.0
         };
-        let splits = promise > 0.0 && self.depth < MAX_DEPTH && !self.is_smallest;
-        let split = splits.then(|| Offer {
+        let split = (promise > 0.0 && self.may_be_split()).then(|| Offer {
             act: Act::Split,
             promise: promise * self.weight_m2,
             cost: 4.0 * ROUND * f64::from(rounds_of_children(self.rounds)),
@@ -184,7 +192,7 @@ mod tests {
         assert_eq!(case(1.0, 0.1, 4).offer().unwrap().act, Act::Split);
         assert_eq!(case(0.0, 0.1, 4).offer().unwrap().act, Act::Cast, "not found");
         assert_eq!(case(0.0, 0.1, MOST_ROUNDS).offer().unwrap().act, Act::Split, "casting is used up");
-        assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 256.0 }));
+        assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 512.0 }));
         assert_eq!(Case { depth: MAX_DEPTH, ..case(1.0, 0.0, 4) }.offer(), None);
     }
 }

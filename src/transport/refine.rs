@@ -1,6 +1,6 @@
 //! Refinement of a cluster: rows for sides that have none, and what promises most for the error of the whole model.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::base::{Error, NodeName, PatchSide, Progress, Result};
 use crate::rays::RayScene;
@@ -11,6 +11,7 @@ use crate::transport::light::lit::Lights;
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::measure::{hemisphere, lamps};
 use crate::transport::nodes::frame::{Frame, Plane};
+use crate::transport::nodes::grading;
 use crate::transport::nodes::mesh::{Mesh, MeshRow};
 use crate::transport::nodes::places::{Draws, Places};
 use crate::transport::oracle::{ACTS, Act, Case, FIRST_ROUNDS, MOST_ROUNDS, rounds_of_children};
@@ -142,6 +143,8 @@ struct Refiner<'a, 'c> {
     mesh: Mesh,
     rows: BTreeMap<(NodeName, Part), Worked>,
     gone: Vec<(NodeName, Part)>,
+    /// Rows beside much finer ones: [`grading::uneven`].
+    uneven: BTreeSet<(NodeName, Part)>,
     counts: Counts,
 }
 
@@ -163,8 +166,13 @@ pub fn refine(
     // Rows that the light does not know any more are those of other lamps.
     let (known, gone): (Vec<Row>, Vec<Row>) = stored.into_iter().partition(|row| fits.contains_key(&row.key()));
     let (rows, gone) = (known.into_iter().map(worked).collect(), gone.iter().map(Row::key).collect());
+    let uneven = if context.threshold < f64::INFINITY {
+        grading::uneven(&mesh, view.geometry.patches, &*context.lights.lit(view.id)?)
+    } else {
+        BTreeSet::new()
+    };
     let counts = Counts::default();
-    let mut refiner = Refiner { context, view, sides, around, mesh, rows, gone, counts };
+    let mut refiner = Refiner { context, view, sides, around, mesh, rows, gone, uneven, counts };
     refiner.remake()?;
     let keys: Vec<_> = refiner.rows.keys().copied().collect();
     for key in keys {
@@ -282,8 +290,10 @@ impl Refiner<'_, '_> {
             let at = self.mesh.nearest(name);
             let element = &self.mesh.elements[at];
             let case = case(self.context, &self.view, &self.mesh, at, rounds, worked.fit);
-            let Some(offer) = case.offer().filter(|offer| offer.rate() >= self.context.threshold) else { continue };
-            match offer.act {
+            let offer = case.offer().filter(|offer| offer.rate() >= self.context.threshold);
+            let is_uneven = self.uneven.contains(&(name, part)) && case.may_be_split();
+            let Some(act) = is_uneven.then_some(Act::Split).or(offer.map(|offer| offer.act)) else { continue };
+            match act {
                 Act::Cast => {
                     self.measure(name, part, 2 * rounds)?;
                     open.push(((name, part), acts + 1));
