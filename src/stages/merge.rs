@@ -20,7 +20,7 @@ use crate::store::branches::VersionRow;
 use crate::store::merging::{TaskRow, TaskState, VersionFigures};
 use crate::store::{Snapshot, Stage, Store};
 use crate::transport::iterate::residual::{self, Change};
-use crate::transport::steer::{self, STOP, Settling};
+use crate::transport::steer::{self, Marking, STOP, Settling};
 
 /// `merge` takes tolerance and order from the tasks.
 #[derive(Clone, Debug, Default)]
@@ -295,7 +295,9 @@ fn figures(
     }
     iteration.energy_balance = iteration.power.imbalance();
     let before = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
-    let has_stalled = steer::has_stalled(&store.estimates_after_markings(tasks[0].branch)?);
+    let markings = store.markings(tasks[0].branch)?.into_iter();
+    let markings: Vec<_> = markings.map(|(estimate, entries)| Marking { estimate, entries }).collect();
+    let has_stalled = steer::has_stalled(&markings);
     let settling = Settling { residual, predicted_error, balance: iteration.energy_balance, has_stalled };
     let of_rows = steer::of_rows(&iteration, store.facts()?.mean_reflectance);
     let steering = steer::steer(&error, &before, settling, tolerance * of_rows);

@@ -67,14 +67,27 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, tolerance
     Steering { phase, threshold, lit_mean_w_m2, estimated_nrms, estimated_nrms_error, correction, correction_error }
 }
 
-/// Markings, one after another, that must have made the estimate fall.
-const PATIENCE: usize = 3;
+/// An iteration that made rows better.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Marking {
+    /// The estimated error after it.
+    pub estimate: f64,
+    /// Entries in all rows.
+    pub entries: u64,
+}
 
-/// Whether the estimate no longer falls: `after`, newest first, holds the estimates of a branch after its markings.
+/// Markings, one after another, that must have made the estimate fall; where each does little, so many.
+const PATIENCE: (usize, usize) = (3, 12);
+
+/// Whether the estimate no longer falls, though rows hold twice as much as when it was lowest. `markings`: those of a
+/// branch, newest first.
 #[must_use]
-pub fn has_stalled(after: &[f64]) -> bool {
-    let least = |of: &[f64]| of.iter().copied().fold(f64::INFINITY, f64::min);
-    after.len() > PATIENCE && least(&after[..PATIENCE]) >= least(&after[PATIENCE..])
+pub fn has_stalled(markings: &[Marking]) -> bool {
+    let Some(newest) = markings.first() else { return false };
+    let of_half = markings.partition_point(|marking| 2 * marking.entries > newest.entries);
+    let recent = of_half.max(PATIENCE.0).min(PATIENCE.1);
+    let least = |of: &[Marking]| of.iter().map(|marking| marking.estimate).fold(f64::INFINITY, f64::min);
+    markings.len() > recent && least(&markings[..recent]) >= least(&markings[recent..])
 }
 
 /// How far what rows know is off: from places measured anew in this iteration, and in those before at half the weight.
@@ -151,9 +164,15 @@ mod tests {
     }
 
     #[test]
-    fn a_branch_has_stalled_when_three_markings_have_not_made_the_estimate_fall() {
-        assert!(!has_stalled(&[0.3, 0.3, 0.3]), "the first markings");
-        assert!(!has_stalled(&[0.29, 0.31, 0.33, 0.3, 0.5]), "one of three did");
-        assert!(has_stalled(&[0.31, 0.30, 0.33, 0.3, 0.5]));
+    fn a_branch_has_stalled_when_markings_that_did_much_have_not_made_the_estimate_fall() {
+        let stalled = |of: &[(f64, u64)]| {
+            has_stalled(&of.iter().map(|&(estimate, entries)| Marking { estimate, entries }).collect::<Vec<_>>())
+        };
+        assert!(!stalled(&[(0.3, 8), (0.3, 4), (0.3, 2)]), "the first markings");
+        assert!(!stalled(&[(0.29, 16), (0.31, 8), (0.33, 4), (0.3, 2), (0.5, 1)]), "one of three helped");
+        assert!(stalled(&[(0.31, 16), (0.30, 8), (0.33, 4), (0.3, 2), (0.5, 1)]));
+        assert!(!stalled(&[(0.31, 104), (0.30, 103), (0.33, 102), (0.3, 101), (0.5, 100)]), "they did little");
+        let little: Vec<(f64, u64)> = (0..13).map(|i| (0.3, 100 - i)).collect();
+        assert!(stalled(&little) && !stalled(&little[1..]), "and did it often");
     }
 }

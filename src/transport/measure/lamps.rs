@@ -1,7 +1,7 @@
 //! Direct light: rays from the places of an element to lamps, drawn by what each would bring if nothing stood in
 //! between. What it would bring is known in closed form, so that rays tell of shadows alone.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::polygon::Polygon;
@@ -32,9 +32,9 @@ struct Bundle {
     radius_m: f64,
     /// What leaves it, W (norm over RGB).
     power_w: f64,
-    /// Mean normal, and the largest difference of a lamp's normal from it.
-    normal: DVec3,
-    normals_differ: f64,
+    /// Normals and their outer products, each times its lamp's power, summed up.
+    normals: DVec3,
+    squares: DMat3,
     /// The first of two children, or the lamp.
     below: Below,
 }
@@ -79,17 +79,25 @@ impl Bundle {
     fn of(lamp: &Lamp, index: u32) -> Self {
         let (centre, radius_m) = (lamp.shape.centre(), lamp.shape.radius());
         let power_w = lamp.area_m2 * lamp.exitance;
-        Self { centre, radius_m, power_w, normal: lamp.normal, normals_differ: 0.0, below: Below::Lamp(index) }
+        let normals = lamp.normal * power_w;
+        let squares = DMat3::from_cols(normals * lamp.normal.x, normals * lamp.normal.y, normals * lamp.normal.z);
+        Self { centre, radius_m, power_w, normals, squares, below: Below::Lamp(index) }
     }
 
     fn both(a: &Self, b: &Self, children: u32) -> Self {
         let power_w = a.power_w + b.power_w;
-        let mean = |of: fn(&Self) -> DVec3| (of(a) * a.power_w + of(b) * b.power_w) / power_w;
-        let (centre, normal) = (mean(|l| l.centre), mean(|l| l.normal));
-        let most = |of: &dyn Fn(&Self) -> f64| of(a).max(of(b));
-        let radius_m = most(&|l| l.centre.distance(centre) + l.radius_m);
-        let normals_differ = most(&|l| l.normal.distance(normal) + l.normals_differ);
-        Self { centre, radius_m, power_w, normal, normals_differ, below: Below::Children(children) }
+        let centre = (a.centre * a.power_w + b.centre * b.power_w) / power_w;
+        let reach = |of: &Self| of.centre.distance(centre) + of.radius_m;
+        let (normals, squares) = (a.normals + b.normals, a.squares + b.squares);
+        let radius_m = reach(a).max(reach(b));
+        Self { centre, radius_m, power_w, normals, squares, below: Below::Children(children) }
+    }
+
+    /// Share of its power that goes a way, were all of it to go there: `max(0, n.d)` is `(n.d + |n.d|) / 2`, whose first
+    /// term adds up over lamps, and whose second the mean square bounds.
+    fn sends(&self, way: DVec3) -> f64 {
+        let even = (way.dot(self.squares * way) / self.power_w).max(0.0).sqrt();
+        0.5 * (self.normals.dot(way) / self.power_w + even)
     }
 
     /// What arrives at a point, roughly, if nothing stands in between, W/m2; 0 only where nothing can.
@@ -98,7 +106,7 @@ impl Bundle {
         let distance_m = between.length().max(self.radius_m);
         let slack = self.radius_m / distance_m;
         let cos_r = (normal.dot(between) / distance_m + slack).clamp(0.0, 1.0);
-        let cos_s = (-self.normal.dot(between) / distance_m + self.normals_differ + slack).clamp(0.0, 1.0);
+        let cos_s = (self.sends(-between / distance_m) + slack).clamp(0.0, 1.0);
         self.power_w * cos_r * cos_s / (std::f64::consts::PI * distance_m * distance_m)
     }
 }
