@@ -146,6 +146,9 @@ CREATE TABLE solution_versions (
     estimated_nrms_error REAL, -- its standard error
     correction REAL, -- squared error of places measured anew, relative to what rows know
     correction_error REAL,
+    gain_r REAL, -- what gathers are multiplied by so that power is kept, by channel
+    gain_g REAL,
+    gain_b REAL,
     made_at REAL NOT NULL
 ) STRICT;
 

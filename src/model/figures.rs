@@ -39,6 +39,9 @@ pub struct Power {
     pub absorbed_w: [f64; 3],
     /// What leaves the model over escape links.
     pub escaped_w: [f64; 3],
+    /// What arrives at them; kept in no catalogue.
+    #[serde(skip)]
+    pub received_w: [f64; 3],
 }
 
 impl Power {
@@ -58,6 +61,7 @@ impl AddAssign for Power {
         add(&mut self.emitted_w, other.emitted_w);
         add(&mut self.absorbed_w, other.absorbed_w);
         add(&mut self.escaped_w, other.escaped_w);
+        add(&mut self.received_w, other.received_w);
     }
 }
 
@@ -133,7 +137,7 @@ impl Phase {
 }
 
 /// Where refinement stands at the end of an iteration: what the next one reads.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steering {
     /// What the next iteration does.
     pub phase: Phase,
@@ -149,4 +153,21 @@ pub struct Steering {
     pub correction: f64,
     /// Its standard error.
     pub correction_error: f64,
+    /// What gathers are multiplied by so that power is kept.
+    pub gain: [f64; 3],
+}
+
+impl Default for Steering {
+    fn default() -> Self {
+        Self {
+            phase: Phase::default(),
+            threshold: None,
+            lit_mean_w_m2: 0.0,
+            estimated_nrms: 0.0,
+            estimated_nrms_error: 0.0,
+            correction: 0.0,
+            correction_error: 0.0,
+            gain: [1.0; 3],
+        }
+    }
 }

@@ -45,6 +45,8 @@ pub struct Settings {
     pub inner: Inner,
     /// From `--seed`.
     pub seed: u64,
+    /// What gathers are multiplied by.
+    pub gain: [f32; 3],
     /// Whether light can come from everywhere; in the first iteration only lamps send.
     pub is_complete: bool,
     /// Whether nothing in the model emits: then there is nothing to measure.
@@ -174,8 +176,8 @@ impl GroupSolver<'_, '_> {
             self.progress.at(index as u64 + 1);
         }
         let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
-        let (inner, seed) = (self.settings.inner, self.settings.seed);
-        report.inner_sweeps = relax::relax(&mut members, &shapes, &mut links, inner, seed, self.progress)?;
+        let Settings { inner, seed, gain, .. } = self.settings;
+        report.inner_sweeps = relax::relax(&mut members, &shapes, &mut links, inner, (seed, gain), self.progress)?;
         report.q_max =
             members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
         self.write_light(clusters, &members, writer, &mut rows)?;
@@ -261,6 +263,7 @@ impl GroupSolver<'_, '_> {
             let leaf = Node::at(view.id, &patches[usize::from(side.patch)], element.name);
             let area = element.area_m2 * sides.covering(side).shown_share(&leaf);
             add(&mut report.power.emitted_w, exitance * area);
+            add(&mut report.power.received_w, received * area);
             add(&mut report.power.absorbed_w, (Rgb::grey(1.0) - rho).times(received) * area);
             let row = member.above[at][Part::Indirect as usize];
             let escape = member.escapes.get(row as usize).copied().unwrap_or(0.0);
@@ -348,7 +351,7 @@ impl GroupSolver<'_, '_> {
             let halves = check.halves(&node, place, own_seed, &mut report.work.rays)?;
             let at = member.lit.frame(side.patch).plane(place);
             let stored = leaf.line.at([at[0] - leaf.centroid[0], at[1] - leaf.centroid[1]]);
-            let [a, b] = halves.map(|half| half - stored);
+            let [a, b] = halves.map(|half| half.times(Rgb::from_f32(self.settings.gain)) - stored);
             let counts =
                 (self.settings.cap_w_m2.powi(2) / leaf.line.mean.norm_squared().max(f64::MIN_POSITIVE)).min(1.0);
             let value = a.dot(b) * counts * leaf.area_m2 * sum / own;

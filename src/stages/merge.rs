@@ -298,9 +298,9 @@ fn figures(
     let markings = store.markings(tasks[0].branch)?.into_iter();
     let markings: Vec<_> = markings.map(|(estimate, entries)| Marking { estimate, entries }).collect();
     let has_stalled = steer::has_stalled(&markings);
-    let settling = Settling { residual, predicted_error, balance: iteration.energy_balance, has_stalled };
+    let settling = Settling { residual, predicted_error, power: iteration.power, has_stalled };
     let of_rows = steer::of_rows(&iteration, store.facts()?.mean_reflectance);
-    let steering = steer::steer(&error, &before, settling, tolerance * of_rows);
+    let steering = steer::steer(&error, &before, settling, (tolerance, of_rows));
     let converged = complete
         && steering.phase == Phase::Close
         && (!has_stalled || steering.estimated_nrms <= tolerance)

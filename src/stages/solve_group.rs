@@ -253,6 +253,7 @@ fn solve(
         min_element_m: shaping.min_element_m.unwrap_or(0.0),
         inner,
         seed: shaping.seed,
+        gain: steering.gain.map(|gain| gain as f32),
         is_complete: base.iteration > 0,
         is_dark,
         keep_links: shaping.links == LinkStorage::Keep,

@@ -112,7 +112,7 @@ const FIGURES: &str =
     "converged, tolerance, residual, contraction, predicted_error, emitted_r_w, emitted_g_w, emitted_b_w,
     absorbed_r_w, absorbed_g_w, absorbed_b_w, escaped_r_w, escaped_g_w, escaped_b_w, energy_balance, elements,
     links_evaluated, links_stored, links_reused, rays, unlinked_mean, phase, threshold, lit_mean_w_m2, estimated_nrms,
-    estimated_nrms_error, correction, correction_error";
+    estimated_nrms_error, correction, correction_error, gain_r, gain_g, gain_b";
 
 fn damaged(detail: impl Into<String>) -> Error {
     Error::damaged(std::path::Path::new(super::sql::CATALOGUE), detail)
@@ -277,7 +277,12 @@ impl Store {
                 contraction: r.get(3)?,
                 predicted_error: r.get(4)?,
                 iteration: IterationFigures {
-                    power: Power { emitted_w: triple(5)?, absorbed_w: triple(8)?, escaped_w: triple(11)? },
+                    power: Power {
+                        emitted_w: triple(5)?,
+                        absorbed_w: triple(8)?,
+                        escaped_w: triple(11)?,
+                        ..Power::default()
+                    },
                     energy_balance: r.get(14)?,
                     work: Work {
                         elements: r.get(15)?,
@@ -296,6 +301,7 @@ impl Store {
                     estimated_nrms_error: r.get(25)?,
                     correction: r.get(26)?,
                     correction_error: r.get(27)?,
+                    gain: triple(28)?,
                 },
             })
         });
@@ -409,7 +415,10 @@ fn insert_version(
         f.steering.estimated_nrms,
         f.steering.estimated_nrms_error,
         f.steering.correction,
-        f.steering.correction_error
+        f.steering.correction_error,
+        f.steering.gain[0],
+        f.steering.gain[1],
+        f.steering.gain[2],
     ];
     let places: Vec<String> = (2..=values.len()).map(|at| format!("?{at}")).collect();
     let sql = format!("UPDATE solution_versions SET ({FIGURES}) = ({}) WHERE id = ?1", places.join(", "));

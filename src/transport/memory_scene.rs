@@ -181,7 +181,7 @@ impl MemoryScene {
             }
             let shapes = MemoryShapes { stored: &self.stored, sides: &sides };
             let inner = Inner::Converge { tolerance: 1e-6, q: 0.99 };
-            relax::relax(&mut members, &shapes, &mut MemoryRows(&rows), inner, SEED, &Quiet)
+            relax::relax(&mut members, &shapes, &mut MemoryRows(&rows), inner, (SEED, [1.0; 3]), &Quiet)
                 .expect("memory does not fail");
             for (own, member) in self.stored.iter().zip(&members) {
                 let (view, mesh) = (own.view(), &member.mesh);

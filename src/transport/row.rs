@@ -57,6 +57,12 @@ pub fn add(halves: &mut Halves, slot: usize, light: [f32; 3], weight: f32) {
     }
 }
 
+/// What arrives, each channel multiplied by what keeps the power of the whole model.
+#[must_use]
+pub fn scaled(halves: &Halves, gain: [f32; 3]) -> Halves {
+    halves.map(|place| place.map(|half| std::array::from_fn(|channel| half[channel] * gain[channel])))
+}
+
 /// What rays of a row found.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {

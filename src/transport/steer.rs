@@ -2,7 +2,7 @@
 //! is over the tolerance, close.
 
 use super::oracle;
-use crate::model::figures::{IterationFigures, Phase, Steering};
+use crate::model::figures::{IterationFigures, Phase, Power, Steering};
 use crate::model::report::ErrorSums;
 
 /// A branch has converged when what is left is below this part of the tolerance. Sweeps over stored links are
@@ -23,18 +23,20 @@ pub struct Settling {
     pub residual: f64,
     /// Relative error left by stopping here.
     pub predicted_error: f64,
-    /// Share of what is emitted that is neither absorbed nor gone.
-    pub balance: f64,
+    /// Where power goes.
+    pub power: Power,
     /// Whether markings no longer help: [`has_stalled`].
     pub has_stalled: bool,
 }
 
 /// Energy balance up to which light adds up.
-const ADDS_UP: f64 = 0.005;
+const ADDS_UP: f64 = 0.002;
 
-/// What the next iteration is to do; `before`: what the last one said.
+/// What the next iteration is to do; `before`: what the last one said; the tolerance asked for, and what share of it
+/// rows may use up.
 #[must_use]
-pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, tolerance: f64) -> Steering {
+pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, of_rows): (f64, f64)) -> Steering {
+    let tolerance = asked * of_rows;
     let [lit, area] = error.lit;
     let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
     let (correction, correction_error) = corrected(error, before);
@@ -45,17 +47,15 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, tolerance
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
     let doubt = if before.phase == Phase::Close { estimated_nrms_error } else { 0.0 };
-    let mut excess = (estimated_nrms - doubt).max(0.0).powi(2) - tolerance * tolerance;
-    // Light that does not add up is not good enough, whatever its places say.
-    let is_still = settling.predicted_error <= tolerance / STOP;
-    if is_still && settling.balance > ADDS_UP && estimated_nrms > LEAST_OF_TOLERANCE * tolerance {
-        excess = excess.max(0.5 * squared);
-    }
+    let excess = (estimated_nrms - doubt).max(0.0).powi(2) - tolerance * tolerance;
     // What changes while rows are made better is their doing: no sweep has to come between markings.
     let is_settled = before.phase == Phase::Mark
         || settling.residual <= SETTLED * estimated_nrms.max(LEAST_OF_TOLERANCE * tolerance);
     let is_known = correction != 0.0 || error.norm == 0.0;
-    let (phase, threshold) = if !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
+    let gain = gain(before.gain, settling, asked);
+    let (phase, threshold) = if gain != before.gain {
+        (Phase::Sweep, None)
+    } else if !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
         (Phase::Sweep, None)
     } else if excess <= 0.0 || settling.has_stalled {
         (Phase::Close, None)
@@ -64,8 +64,40 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, tolerance
         let threshold = oracle::threshold(&error.bins, excess * error.norm, error.rays);
         (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
     };
-    Steering { phase, threshold, lit_mean_w_m2, estimated_nrms, estimated_nrms_error, correction, correction_error }
+    Steering {
+        phase,
+        threshold,
+        lit_mean_w_m2,
+        estimated_nrms,
+        estimated_nrms_error,
+        correction,
+        correction_error,
+        gain,
+    }
 }
+
+/// What the next iteration multiplies gathers by. In a closed model all that leaves arrives; what rows miss of it is little,
+/// but goes round: light is off by that much over 1 - rho. Once light is still, what arrives is made as much as leaves.
+fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
+    let Power { emitted_w, absorbed_w, escaped_w, received_w } = settling.power;
+    let is_still = settling.predicted_error <= tolerance / STOP;
+    if !is_still || settling.power.imbalance() <= ADDS_UP {
+        return before;
+    }
+    let after = std::array::from_fn(|c| {
+        let is_closed = received_w[c] > 0.0 && escaped_w[c] <= CLOSED * emitted_w[c];
+        let missed_w = emitted_w[c] - absorbed_w[c] - escaped_w[c];
+        if is_closed { before[c] * (1.0 + missed_w / received_w[c]) } else { before[c] }
+    });
+    // What is off by more is wrong, not rough.
+    if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED) { after } else { before }
+}
+
+/// Share of what is emitted that may leave a model that counts as closed.
+const CLOSED: f64 = 0.01;
+
+/// Share of what leaves that rows may miss.
+const MOST_MISSED: f64 = 0.01;
 
 /// An iteration that made rows better.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,15 +111,16 @@ pub struct Marking {
 /// Markings, one after another, that must have made the estimate fall; where each does little, so many.
 const PATIENCE: (usize, usize) = (3, 12);
 
-/// Whether the estimate no longer falls, though rows hold twice as much as when it was lowest. `markings`: those of a
-/// branch, newest first.
+/// Whether the estimate no longer falls: since rows held half as much, it was never below the mean of the markings just
+/// before. `markings`: those of a branch, newest first.
 #[must_use]
 pub fn has_stalled(markings: &[Marking]) -> bool {
     let Some(newest) = markings.first() else { return false };
     let of_half = markings.partition_point(|marking| 2 * marking.entries > newest.entries);
-    let recent = of_half.max(PATIENCE.0).min(PATIENCE.1);
-    let least = |of: &[Marking]| of.iter().map(|marking| marking.estimate).fold(f64::INFINITY, f64::min);
-    markings.len() > recent && least(&markings[..recent]) >= least(&markings[recent..])
+    let (recent, before) = markings.split_at(of_half.clamp(PATIENCE.0, PATIENCE.1).min(markings.len()));
+    let before = &before[..before.len().min(PATIENCE.0)];
+    let mean = before.iter().map(|marking| marking.estimate).sum::<f64>() / before.len() as f64;
+    before.len() == PATIENCE.0 && recent.iter().all(|marking| marking.estimate >= mean)
 }
 
 /// How far what rows know is off: from places measured anew in this iteration, and in those before at half the weight.
@@ -123,12 +156,7 @@ mod tests {
 
     #[test]
     fn rows_are_marked_once_the_light_has_settled_and_until_the_estimate_with_its_doubt_meets_the_tolerance() {
-        let with_change = |residual: f64, balance: f64| Settling {
-            residual,
-            balance,
-            predicted_error: 0.1 * residual,
-            has_stalled: false,
-        };
+        let with_change = |residual: f64| Settling { residual, predicted_error: 0.1 * residual, ..Settling::default() };
         // Rows know of an error of 5 % or 10 % of a norm of 2; places measured anew find `correction` times that squared.
         let with = |rough: f64, correction: f64, deviation: f64| {
             let checked = [rough * correction, (rough * deviation).powi(2)];
@@ -139,28 +167,45 @@ mod tests {
         };
         let none = Steering::default();
         let (small, large) = (with(0.01, 1.0, 1e-9), with(0.04, 1.0, 1e-9));
-        let steering = steer(&small, &none, with_change(0.01, 0.0), 0.06);
+        let steering = steer(&small, &none, with_change(0.01), (0.06, 1.0));
         assert_eq!((steering.phase, steering.threshold, steering.lit_mean_w_m2), (Phase::Close, None, 3.0));
         assert!((steering.estimated_nrms - 0.05).abs() < 1e-12, "{}", steering.estimated_nrms);
-        assert_eq!(steer(&small, &none, with_change(0.5, 0.0), 0.06).phase, Phase::Sweep, "light still comes in");
-        let marking = steer(&large, &none, with_change(0.04, 0.0), 0.06);
+        assert_eq!(steer(&small, &none, with_change(0.5), (0.06, 1.0)).phase, Phase::Sweep, "light still comes in");
+        let marking = steer(&large, &none, with_change(0.04), (0.06, 1.0));
         assert!(marking.phase == Phase::Mark && marking.threshold.is_some());
         assert_eq!(
-            steer(&small, &marking, with_change(0.01, 0.0), 0.06).phase,
+            steer(&small, &marking, with_change(0.01), (0.06, 1.0)).phase,
             Phase::Sweep,
             "what was just marked is measured once more"
         );
         // What rows do not know of is found where places are measured anew, and remembered.
-        let wrong = steer(&with(0.01, 4.0, 0.1), &none, with_change(0.01, 0.0), 0.06);
+        let wrong = steer(&with(0.01, 4.0, 0.1), &none, with_change(0.01), (0.06, 1.0));
         assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
-        let later = steer(&with(0.01, 1.0, 0.1), &wrong, with_change(0.01, 0.0), 0.06);
+        let later = steer(&with(0.01, 1.0, 0.1), &wrong, with_change(0.01), (0.06, 1.0));
         assert!((later.correction - 2.0).abs() < 1e-9, "a third of what was found before: {later:?}");
-        assert_eq!(steer(&small, &none, with_change(0.01, 0.02), 0.06).phase, Phase::Mark, "it does not add up");
         assert_eq!(
-            steer(&ErrorSums::default(), &none, with_change(0.0, 0.0), 0.06).phase,
+            steer(&ErrorSums::default(), &none, with_change(0.0), (0.06, 1.0)).phase,
             Phase::Close,
             "nothing is lit"
         );
+    }
+
+    #[test]
+    fn what_a_closed_model_misses_is_made_up_for_once_light_is_still() {
+        let power = |absorbed: f64, escaped: f64| Power {
+            emitted_w: [1.0; 3],
+            absorbed_w: [absorbed; 3],
+            escaped_w: [escaped; 3],
+            received_w: [10.0; 3],
+        };
+        let still = |power: Power| Settling { power, ..Settling::default() };
+        let gained = gain([1.0; 3], still(power(0.95, 0.0)), 0.02);
+        assert!(gained.iter().all(|gain| (gain - 1.005).abs() < 1e-12), "{gained:?}");
+        assert_eq!(gain(gained, still(power(0.999, 0.0)), 0.02), gained, "it adds up");
+        assert_eq!(gain([1.0; 3], still(power(0.65, 0.3)), 0.02), [1.0; 3], "open");
+        assert_eq!(gain([1.0; 3], still(power(0.8, 0.0)), 0.02), [1.0; 3], "wrong");
+        let moving = Settling { predicted_error: 0.01, ..still(power(0.95, 0.0)) };
+        assert_eq!(gain([1.0; 3], moving, 0.02), [1.0; 3]);
     }
 
     #[test]
@@ -168,11 +213,11 @@ mod tests {
         let stalled = |of: &[(f64, u64)]| {
             has_stalled(&of.iter().map(|&(estimate, entries)| Marking { estimate, entries }).collect::<Vec<_>>())
         };
-        assert!(!stalled(&[(0.3, 8), (0.3, 4), (0.3, 2)]), "the first markings");
-        assert!(!stalled(&[(0.29, 16), (0.31, 8), (0.33, 4), (0.3, 2), (0.5, 1)]), "one of three helped");
-        assert!(stalled(&[(0.31, 16), (0.30, 8), (0.33, 4), (0.3, 2), (0.5, 1)]));
-        assert!(!stalled(&[(0.31, 104), (0.30, 103), (0.33, 102), (0.3, 101), (0.5, 100)]), "they did little");
-        let little: Vec<(f64, u64)> = (0..13).map(|i| (0.3, 100 - i)).collect();
+        assert!(!stalled(&[(0.3, 32), (0.3, 16), (0.3, 8), (0.3, 4), (0.3, 2)]), "the first markings");
+        assert!(!stalled(&[(0.29, 32), (0.31, 16), (0.33, 8), (0.3, 4), (0.3, 2), (0.3, 1)]), "one of three helped");
+        assert!(stalled(&[(0.3, 32), (0.31, 16), (0.33, 8), (0.3, 4), (0.3, 2), (0.3, 1)]));
+        assert!(!stalled(&[(0.3, 15), (0.31, 14), (0.33, 13), (0.3, 12), (0.3, 11), (0.3, 10)]), "they did little");
+        let little: Vec<(f64, u64)> = (0..15).map(|i| (0.3, 100 - i)).collect();
         assert!(stalled(&little) && !stalled(&little[1..]), "and did it often");
     }
 }

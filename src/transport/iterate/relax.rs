@@ -7,7 +7,7 @@ use crate::transport::light::line::Halves;
 use crate::transport::light::lit::LitCluster;
 use crate::transport::nodes::mesh::Mesh;
 use crate::transport::refine::{Measured, Sides};
-use crate::transport::row::Part;
+use crate::transport::row::{Part, scaled};
 use crate::transport::source::ClusterView;
 
 /// A cluster of the group while it is relaxed.
@@ -57,17 +57,17 @@ pub enum Inner {
 const MOST_SWEEPS: u32 = 1000;
 
 /// Relaxes the group: clusters in order, each with the newest light of the others. `seed`: the places of rows derive
-/// from it. Returns the sweeps.
+/// from it. What arrives is multiplied by `gain`. Returns the sweeps.
 pub fn relax(
     members: &mut [Member],
     shapes: &dyn Shapes,
     inside: &mut dyn Inside,
     inner: Inner,
-    seed: u64,
+    (seed, gain): (u64, [f32; 3]),
     progress: &dyn Progress,
 ) -> Result<u32> {
     for index in 0..members.len() {
-        fit_external(members, index, shapes, seed)?;
+        fit_external(members, index, shapes, (seed, gain))?;
     }
     let mut sweeps = 0;
     let mut last_change = f64::INFINITY;
@@ -86,7 +86,8 @@ pub fn relax(
                     result = inside.each(index, members, &mut |row, halves| {
                         let of = &mesh.rows[row];
                         let name = mesh.elements[of.element as usize].name;
-                        fits.push((row, Measured::of(view, sides, name, of.part, seed).fit(of.rounds, halves)));
+                        let measured = Measured::of(view, sides, name, of.part, seed);
+                        fits.push((row, measured.fit(of.rounds, &scaled(halves, gain))));
                     });
                 })?;
                 result?;
@@ -120,14 +121,20 @@ pub fn relax(
 }
 
 /// Direct light does not change while a group is relaxed.
-fn fit_external(members: &mut [Member], index: usize, shapes: &dyn Shapes, seed: u64) -> Result<()> {
+fn fit_external(
+    members: &mut [Member],
+    index: usize,
+    shapes: &dyn Shapes,
+    (seed, gain): (u64, [f32; 3]),
+) -> Result<()> {
     let member = &mut members[index];
     shapes.with(index, &mut |view, sides| {
         for row in 0..member.mesh.rows.len() {
             let of = &member.mesh.rows[row];
             if of.part == Part::Direct {
                 let name = member.mesh.elements[of.element as usize].name;
-                let fit = Measured::of(view, sides, name, of.part, seed).fit(of.rounds, &member.external[row]);
+                let halves = scaled(&member.external[row], gain);
+                let fit = Measured::of(view, sides, name, of.part, seed).fit(of.rounds, &halves);
                 member.mesh.rows[row].set(&fit);
             }
         }
