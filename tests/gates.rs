@@ -29,7 +29,8 @@ const BALANCE_FINAL: f64 = 0.001;
 
 /// Compares `data/MODEL.expected.csv` at `data/MODEL.points.csv`; where 0 is expected, exactly 0.
 fn compare_points(model: &str, sampled: &str, expected: &str) {
-    let (solved, mut wrong) = (solve(model, &[]), Wrong::default());
+    // Points are answered as well as the tolerance asks for: that of `final` is 1 %.
+    let (solved, mut wrong) = (solve(model, &["--quality", "final"]), Wrong::default());
     let got = solved.sample(&table(&format!("{model}.points.csv")), sampled);
     let expected = column(&table(&format!("{model}.expected.csv")), expected);
     assert_eq!(got.len(), expected.len());
@@ -345,11 +346,11 @@ fn energy_balances_within_half_a_percent_at_standard_around_what_stands_in_a_roo
 
 #[test]
 fn energy_balances_within_a_tenth_of_a_percent_at_final() {
-    expect_balance(&["closed_cube", "cie_5_3", "cie_5_6"], "final", BALANCE_FINAL);
+    expect_balance(&["closed_cube", "cie_5_3"], "final", BALANCE_FINAL);
 }
 
-/// Visibility past what stands in a room is sampled: twice what is asked elsewhere.
+/// What leaves an open model is known as well as its lamps' rays tell: twice what is asked of closed ones.
 #[test]
-fn energy_balances_within_two_tenths_of_a_percent_at_final_around_what_stands_in_a_room() {
-    expect_balance(&["mean_value_cube", "cie_5_7", "two_zone"], "final", 2.0 * BALANCE_FINAL);
+fn energy_balances_within_two_tenths_of_a_percent_at_final_in_open_models_and_around_what_stands() {
+    expect_balance(&["mean_value_cube", "cie_5_6", "cie_5_7", "two_zone"], "final", 2.0 * BALANCE_FINAL);
 }

@@ -68,7 +68,7 @@ fn light_of(turn: DMat3, shift: DVec3) -> (Solved, Vec<f64>) {
     let dir = tempfile::tempdir().unwrap();
     let model = dir.path().join("room.obj");
     write_room(&model, |p| turn * p + shift);
-    let solved = solve_file(&model, Some(MATERIALS), &[]);
+    let solved = solve_file(&model, Some(MATERIALS), &["--quality", "final"]);
     let mut points = String::from("x,y,z,nx,ny,nz\n");
     for (point, normal) in POINTS {
         let (p, n) = (turn * point + shift, turn * normal);
@@ -79,8 +79,8 @@ fn light_of(turn: DMat3, shift: DVec3) -> (Solved, Vec<f64>) {
     (solved, light)
 }
 
-/// Corners are rounded anew and rays are others, so both answers differ by what either may err: each
-/// point by 1 %, as against exact values.
+/// Corners are rounded anew and rays are others, so both answers differ by what either may err: 1 % at `final`, three
+/// standard errors of both.
 #[test]
 fn a_room_that_is_turned_and_moved_has_the_same_light() {
     let (still, expected) = light_of(DMat3::IDENTITY, DVec3::ZERO);
@@ -88,7 +88,7 @@ fn a_room_that_is_turned_and_moved_has_the_same_light() {
     let (moved, got) = light_of(turn, DVec3::new(30.0, -20.0, 10.0));
     let mut wrong = Wrong::default();
     for (i, (got, expected)) in got.into_iter().zip(expected).enumerate() {
-        wrong.relative(&format!("point {i}"), got, expected, 0.01);
+        wrong.relative(&format!("point {i}"), got, expected, 0.042);
     }
     let absorbed = |s: &Solved| s.summary["absorbed_w"][0].as_f64().unwrap();
     wrong.relative("absorbed", absorbed(&moved), absorbed(&still), 0.005);
