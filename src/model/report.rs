@@ -107,7 +107,7 @@ mod tests {
         let report = TaskReport { work, used, complete: true, ..TaskReport::default() };
         let bytes = report.encode();
         assert_eq!(TaskReport::decode(&bytes).unwrap(), report);
-        assert_eq!(bytes[96..104], 7u64.to_le_bytes(), "where stores that exist have it");
+        assert_eq!(bytes[120..128], 7u64.to_le_bytes(), "where stores that exist have it");
         assert!(TaskReport::decode(&bytes[1..]).is_err());
     }
 }

@@ -100,7 +100,7 @@ const CAP: f64 = 10.0;
 const MOST_ITERATIONS: u32 = 80;
 
 /// Rays in rows after which it has, too.
-const MOST_RAYS: f64 = 8e6;
+const MOST_RAYS: f64 = 4e6;
 
 /// From which all places and rays derive.
 const SEED: u64 = 1;

@@ -26,7 +26,7 @@ fn a_cube_with_one_emitting_face_has_the_means_of_the_converged_galerkin_solutio
         let mut cube = room([0.0; 3], [1.0; 3], rho);
         cube[0].2 = 1.0;
         let mut scene = MemoryScene::new(&cube);
-        scene.solve(0.01);
+        scene.solve(0.015);
         for (face, expected) in [(0, emitter), (1, opposite), (2, side), (4, side)] {
             let got = scene.radiosity(face);
             assert!((got / expected - 1.0).abs() < 6e-3, "rho {rho}, face {face}: {got} for {expected}");

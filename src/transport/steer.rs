@@ -90,14 +90,14 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
         if is_closed { before[c] * (1.0 + missed_w / received_w[c]) } else { before[c] }
     });
     // What is off by more is wrong, not rough.
-    if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED) { after } else { before }
+    if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance) { after } else { before }
 }
 
 /// Share of what is emitted that may leave a model that counts as closed.
 const CLOSED: f64 = 0.01;
 
-/// Share of what leaves that rows may miss.
-const MOST_MISSED: f64 = 0.01;
+/// Share of what leaves that rows may miss, in tolerances.
+const MOST_MISSED: f64 = 0.5;
 
 /// An iteration that made rows better.
 #[derive(Clone, Copy, Debug, PartialEq)]
