@@ -37,8 +37,8 @@ pub struct Settings {
     pub threshold: f64,
     /// What is brighter counts no more than this, W/m2.
     pub cap_w_m2: f64,
-    /// The version that is read.
-    pub version: u64,
+    /// Iterations that the version read has behind it on its branch.
+    pub iteration: u64,
     /// `--min-element`, m, or 0.
     pub min_element_m: f64,
     /// When to stop within the group.
@@ -321,7 +321,8 @@ impl GroupSolver<'_, '_> {
         }
         let rays_of_place = 2.0 * (RAYS[0] + RAYS[1]) as f64;
         let count = (CHECKED.0 * report.error.rays / rays_of_place).max(CHECKED.1) as u64;
-        let seed = mix(self.settings.seed ^ mix(self.settings.version ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
+        let seed =
+            mix(self.settings.seed ^ mix(self.settings.iteration ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
         let exitance = |lamp: NodeName| exitance(self.set, lamp);
         let leaving = |cluster: ClusterId, side: PatchSide, place: DVec3| {
             Ok(match clusters.binary_search(&cluster) {

@@ -11,7 +11,7 @@ use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
-use crate::model::figures::{IterationFigures, Phase, Work};
+use crate::model::figures::{IterationFigures, Phase, Steering, Work};
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
 use crate::model::order::UpdateOrder;
@@ -247,6 +247,11 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
 /// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
 const BALANCED: f64 = 0.01;
 
+/// Whether the estimated error meets a tolerance as far as one can tell.
+fn is_within(steering: &Steering, tolerance: f64) -> bool {
+    steering.estimated_nrms - steering.estimated_nrms_error <= tolerance
+}
+
 /// Why a branch that no longer changes has not converged: more iterations do not mend that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unmet {
@@ -265,7 +270,7 @@ pub fn unmet(figures: &VersionFigures) -> Option<Unmet> {
     } else if figures.iteration.energy_balance > BALANCED {
         Some(Unmet::Balance)
     } else {
-        (figures.steering.estimated_nrms > figures.tolerance).then_some(Unmet::Tolerance)
+        (!is_within(&figures.steering, figures.tolerance)).then_some(Unmet::Tolerance)
     }
 }
 
@@ -303,7 +308,7 @@ fn figures(
     let steering = steer::steer(&error, &before, settling, (tolerance, of_rows));
     let converged = complete
         && steering.phase == Phase::Close
-        && (!has_stalled || steering.estimated_nrms <= tolerance)
+        && (!has_stalled || is_within(&steering, tolerance))
         && predicted_error <= tolerance / STOP
         && iteration.energy_balance <= BALANCED;
     Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })

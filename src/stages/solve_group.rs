@@ -249,7 +249,7 @@ fn solve(
     let settings = |is_dark: bool| Settings {
         threshold: steering.threshold.unwrap_or(f64::INFINITY),
         cap_w_m2: if steering.lit_mean_w_m2 > 0.0 { CAP * steering.lit_mean_w_m2 } else { f64::INFINITY },
-        version: base.id,
+        iteration: base.iteration,
         min_element_m: shaping.min_element_m.unwrap_or(0.0),
         inner,
         seed: shaping.seed,
