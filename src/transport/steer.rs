@@ -53,17 +53,16 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
         || settling.residual <= SETTLED * estimated_nrms.max(LEAST_OF_TOLERANCE * tolerance);
     let is_known = correction != 0.0 || error.norm == 0.0;
     let gain = gain(before.gain, settling, asked);
-    let (phase, threshold) = if gain != before.gain {
-        (Phase::Sweep, None)
-    } else if !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
-        (Phase::Sweep, None)
-    } else if excess <= 0.0 || settling.has_stalled {
-        (Phase::Close, None)
-    } else {
-        // Where nothing is left to be done, that is it.
-        let threshold = oracle::threshold(&error.bins, excess * error.norm, error.rays);
-        (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
-    };
+    let (phase, threshold) =
+        if gain != before.gain || !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
+            (Phase::Sweep, None)
+        } else if excess <= 0.0 || settling.has_stalled {
+            (Phase::Close, None)
+        } else {
+            // Where nothing is left to be done, that is it.
+            let threshold = oracle::threshold(&error.bins, excess * error.norm, error.rays);
+            (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
+        };
     Steering {
         phase,
         threshold,
