@@ -23,7 +23,7 @@ fn json(out: &std::process::Output) -> Value {
 fn lux(dir: &Path, obj: &str, mtl: &str, points: &[[f64; 6]]) -> (Vec<f64>, Value) {
     std::fs::write(dir.join("a.obj"), format!("mtllib a.mtl\n{obj}")).unwrap();
     std::fs::write(dir.join("a.mtl"), mtl).unwrap();
-    let out = clerestory(dir, &["run", "a.obj", "--quality", "final", "--json", "-q", "--fresh"]);
+    let out = clerestory(dir, &["run", "a.obj", "--quality", "draft", "--json", "-q", "--fresh"]);
     assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
     let said = json(&out);
     let mut csv = "x,y,z,nx,ny,nz\n".to_owned();
@@ -170,8 +170,8 @@ fn a_lamp_among_the_tiles_of_a_ceiling_is_seen_however_either_is_divided() {
         ("a lamp twice", format!("{lamp}{lamps}")),
     ] {
         let (found, said) = lux(dir.path(), &format!("{room}{faces}"), mtl, &points);
-        // Three standard errors of both, each as good as the tolerance.
-        let same = found.iter().zip(&alone).all(|(a, b)| (a / b - 1.0).abs() < 0.042);
+        // Both are as good as the tolerance of `draft`, 5 %; a lamp that is missed or counts twice is off by half.
+        let same = found.iter().zip(&alone).all(|(a, b)| (a / b - 1.0).abs() < 0.05);
         assert!(same, "{name}: {found:?} where the lamp alone gives {alone:?}");
         let emitted_w = said["emitted_w"][0].as_f64().unwrap();
         assert!((emitted_w / (12.0 * 10.0 * std::f64::consts::PI) - 1.0).abs() < 1e-3, "{name}: {emitted_w} W");
