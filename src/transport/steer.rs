@@ -110,8 +110,7 @@ pub struct Marking {
 /// Markings, one after another, that must have made the estimate fall; where each does little, so many.
 const PATIENCE: (usize, usize) = (3, 12);
 
-/// What a halving of the structure that hard edges of shadows leave makes of the estimate is 0.84; less than this is
-/// nothing.
+/// Twice the links along hard edges of shadows leave 0.84 of the estimate; one that stays above this share has not fallen.
 const FALLS: f64 = 0.95;
 
 /// Whether the estimate no longer falls: on average since rows held half as much it is what it was in the markings just
@@ -144,7 +143,7 @@ fn corrected(error: &ErrorSums, before: &Steering) -> (f64, f64) {
     ((now.0 * weights[0] + before.correction * weights[1]) / sum, (1.0 / sum).sqrt())
 }
 
-/// Share of the tolerance below which nothing more is done about light that does not add up.
+/// Share of the tolerance that what light still changes is measured by where the estimated error is less.
 const LEAST_OF_TOLERANCE: f64 = 0.5;
 
 /// Below this a correction is luck.
