@@ -186,7 +186,7 @@ impl GroupSolver<'_, '_> {
             self.count_error(member, &mut report)?;
         }
         if !self.settings.is_dark {
-            self.check(clusters, &members, &mut report)?;
+            self.check(clusters, &members, &shapes.sides, &mut report)?;
         }
         report.work.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
         Ok(Solved { rows, report })
@@ -295,7 +295,14 @@ const CHECKED: (f64, f64) = (0.05, 16.0);
 
 impl GroupSolver<'_, '_> {
     /// Measures places of the group anew, more of them where more error is expected, and adds what their light is off.
-    fn check(&self, clusters: &[ClusterId], members: &[Member], report: &mut TaskReport) -> Result<()> {
+    /// What is covered counts nowhere.
+    fn check(
+        &self,
+        clusters: &[ClusterId],
+        members: &[Member],
+        sides: &[Rc<Sides>],
+        report: &mut TaskReport,
+    ) -> Result<()> {
         let mut expected: Vec<(f64, usize, usize)> = Vec::new();
         let mut sum = 0.0;
         for (index, member) in members.iter().enumerate() {
@@ -348,6 +355,9 @@ impl GroupSolver<'_, '_> {
             let node = Node::at(id, &view.geometry.patches[usize::from(side.patch)], leaf.name);
             let own_seed = mix(seed ^ mix(turn ^ 1 << 40));
             let place = node.shape.even_point(unit(mix(own_seed)), unit(mix(own_seed ^ 1)));
+            if sides[index].covering(side).covers(place) {
+                continue;
+            }
             let check = Check { scene: self.scene, lamps: &lamps, exitance: &exitance, leaving: &leaving };
             let halves = check.halves(&node, place, own_seed, &mut report.work.rays)?;
             let at = member.lit.frame(side.patch).plane(place);
