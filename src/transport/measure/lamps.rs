@@ -282,31 +282,60 @@ impl Aim {
     }
 }
 
-/// A place of a lamp by numbers in 0..1. A large one is cut into parts whose points bring about alike; each is drawn by
-/// what it brings, so that shadows count by what they take.
+/// A place of a lamp by numbers in 0..1, drawn by what it brings, so that shadows count by what they take: one of the
+/// places in the cells of a grid whose points bring about alike. What is too large for that is cut into parts before.
 fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f64) -> DVec3 {
     let (mut part, mut rest) = (lamp.shape, choice);
-    while part.radius() > ALIKE * part.centre().distance(from) && part.area() > 1e-9 * lamp.area_m2 {
+    let (mut size, least_m2) = (part.radius() / part.centre().distance(from), 1e-9 * lamp.area_m2);
+    while size > MOST_CELLS as f64 * ALIKE && part.area() > least_m2 {
         let children: [Polygon; 4] = std::array::from_fn(|q| quadtree::child(&part, q as u32));
-        let brings = children.map(|child| point_to_polygon(from, normal, &child));
-        let sum: f64 = brings.iter().sum();
-        if sum <= 0.0 {
-            break;
-        }
-        let (mut left, mut chosen) = (rest * sum, 0);
-        while chosen < 3 && left >= brings[chosen] {
-            left -= brings[chosen];
-            chosen += 1;
-        }
-        rest = (left / brings[chosen]).clamp(0.0, BELOW_ONE);
+        let brings = children.each_ref().map(|child| point_to_polygon(from, normal, child));
+        let Some(chosen) = choose(&brings, &mut rest) else { break };
         part = children[chosen];
+        size = part.radius() / part.centre().distance(from);
     }
     let horizon = normal.dot(from);
     if part.corners().iter().any(|c| normal.dot(*c) < horizon) {
         part = part.clip(normal, horizon);
     }
-    if part.corners().len() < 3 { lamp.shape.centre() } else { part.even_point(u, v) }
+    if part.corners().len() < 3 {
+        return lamp.shape.centre();
+    }
+    let across = (size / ALIKE).ceil().clamp(1.0, MOST_CELLS as f64) as usize;
+    let place = |cell: usize| {
+        let [i, j] = [cell % across, cell / across];
+        part.even_point((i as f64 + u) / across as f64, (j as f64 + v) / across as f64)
+    };
+    if across == 1 {
+        return place(0);
+    }
+    let mut brings = [0.0; MOST_CELLS * MOST_CELLS];
+    for (cell, brings) in brings[..across * across].iter_mut().enumerate() {
+        let between = place(cell) - from;
+        let cosines = normal.dot(between).max(0.0) * (-lamp.normal.dot(between)).max(0.0);
+        *brings = cosines / between.length_squared().powi(2).max(f64::MIN_POSITIVE);
+    }
+    place(choose(&brings[..across * across], &mut rest).unwrap_or(0))
 }
+
+/// The index of one of several by what each brings and a number in 0..1, of which another is left; `None` if all bring
+/// nothing.
+fn choose(brings: &[f64], number: &mut f64) -> Option<usize> {
+    let sum: f64 = brings.iter().sum();
+    if sum <= 0.0 {
+        return None;
+    }
+    let (mut left, mut chosen) = (*number * sum, 0);
+    while chosen + 1 < brings.len() && left >= brings[chosen] {
+        left -= brings[chosen];
+        chosen += 1;
+    }
+    *number = (left / brings[chosen].max(f64::MIN_POSITIVE)).clamp(0.0, BELOW_ONE);
+    Some(chosen)
+}
+
+/// Most cells across a lamp.
+const MOST_CELLS: usize = 4;
 
 /// What rays found, and how many were cast.
 pub struct Cast {
