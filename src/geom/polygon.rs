@@ -87,11 +87,14 @@ impl Polygon {
     /// A point by two numbers in [0, 1), uniform in area over all shapes.
     #[must_use]
     pub fn even_point(&self, u: f64, v: f64) -> DVec3 {
-        let is_skew = |c: &[DVec3; 4]| (c[0] + c[2]).distance(c[1] + c[3]) > EVEN * (c[0].distance(c[2]));
-        match <&[DVec3; 4]>::try_from(self.corners()) {
-            Ok(quad) if is_skew(quad) => self.fan_point(u, v),
-            _ => self.point(u, v),
-        }
+        if self.is_skew() { self.fan_point(u, v) } else { self.point(u, v) }
+    }
+
+    /// Whether it is a quad, but no parallelogram.
+    #[must_use]
+    pub fn is_skew(&self) -> bool {
+        let c = self.corners();
+        c.len() == 4 && (c[0] + c[2]).distance(c[1] + c[3]) > EVEN * (c[0].distance(c[2]))
     }
 
     fn fan_point(&self, u: f64, v: f64) -> DVec3 {

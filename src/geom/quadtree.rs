@@ -148,6 +148,68 @@ fn is_sliced(shape: &Polygon) -> bool {
     !matches!(Cut::of(shape), Cut::Quarters | Cut::Corners)
 }
 
+/// Shapes whose children, and theirs, are alike and as large as each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Alike {
+    /// Parallelograms cut at the middles of their edges.
+    Quarters,
+    /// Triangles cut at the middles of their edges.
+    Corners,
+}
+
+/// How the children of a shape are alike, if they are.
+#[must_use]
+pub fn alike(shape: &Polygon) -> Option<Alike> {
+    match Cut::of(shape) {
+        Cut::Quarters => (!shape.is_skew()).then_some(Alike::Quarters),
+        Cut::Corners => Some(Alike::Corners),
+        _ => None,
+    }
+}
+
+impl Alike {
+    /// Where a point of the descendant that a path of children leads to (two bits a level, the last lowest) lies in the
+    /// whole: two numbers in 0..1, for a parallelogram along its first and its last edge, for a triangle the weights of
+    /// its second and third corner. The point is given in the same way.
+    #[must_use]
+    pub fn within(self, path: u64, levels: u32, [mut x, mut y]: [f64; 2]) -> [f64; 2] {
+        for level in 0..levels {
+            let child = (path >> (2 * level)) & 3;
+            [x, y] = match (self, child) {
+                (Self::Quarters, 0) | (Self::Corners, 0) => [0.5 * x, 0.5 * y],
+                (Self::Quarters, 1) | (Self::Corners, 1) => [0.5 + 0.5 * x, 0.5 * y],
+                (Self::Quarters, 2) => [0.5 + 0.5 * x, 0.5 + 0.5 * y],
+                (Self::Quarters, _) | (Self::Corners, 2) => [0.5 * x, 0.5 + 0.5 * y],
+                (Self::Corners, _) => [0.5 - 0.5 * x, 0.5 - 0.5 * y],
+            };
+        }
+        [x, y]
+    }
+
+    /// A point of such a shape by those numbers.
+    #[must_use]
+    pub fn point(self, shape: &Polygon, [x, y]: [f64; 2]) -> DVec3 {
+        let c = shape.corners();
+        let last = c[c.len() - 1];
+        c[0] + (c[1] - c[0]) * x + (last - c[0]) * y
+    }
+
+    /// Numbers of a point by two that are even in 0..1.
+    #[must_use]
+    pub fn even(self, [u, v]: [f64; 2]) -> [f64; 2] {
+        if self == Self::Corners && u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] }
+    }
+
+    /// Numbers of the centroid.
+    #[must_use]
+    pub fn centroid(self) -> [f64; 2] {
+        match self {
+            Self::Quarters => [0.5; 2],
+            Self::Corners => [1.0 / 3.0; 2],
+        }
+    }
+}
+
 /// Longest edge that the children of a shape have, m; of a needle's first about so.
 #[must_use]
 pub fn child_edge_m(shape: &Polygon) -> f64 {

@@ -158,7 +158,7 @@ pub fn links(payload: &[u8], cluster: u32, patches_of: &dyn Fn(u32) -> Option<u3
     ensure(whole && are_names(view.sides, patches_of), || "the dictionary holds a name of no side".to_owned())?;
     let factors = view.shares.iter().all(|share| share.factor.is_finite() && share.factor >= 0.0);
     ensure(factors, || "a form factor is not a number".to_owned())?;
-    let lamps = view.shares.iter().all(|s| view.sides[(s.lamp_slot >> 5) as usize] != NodeName::ESCAPE.0);
+    let lamps = view.shares.iter().all(|s| view.sides[s.lamp()] != NodeName::ESCAPE.0);
     ensure(lamps, || "the escape is a lamp".to_owned())?;
     for row in view.rows.iter().filter(|row| row.part == 1) {
         let rays = 2 * u32::from(row.rounds) * row.open.count_ones();
@@ -335,7 +335,7 @@ mod tests {
             let (element, open) = (root.0, u16::MAX);
             let row = RowHead { element, first: 0, count: 1, part: 0, rounds: 1, open, reserved: [0; 3] };
             let arrays = ArraysBuilder::default().with(&[head]).with(&[row]).with(&[lamp.0]);
-            let share = StoredShare { lamp_slot: 31, factor };
+            let share = StoredShare::new(0, 0, 31, factor);
             let payload = aligned(&arrays.with(&[share]).with::<StoredHit>(&[]).finish());
             links(bytemuck::cast_slice(&payload), 7, &|_| Some(2))
         };

@@ -47,10 +47,40 @@ pub struct RowHead {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct StoredShare {
-    /// Index of the lamp in the dictionary times 32, plus twice the place, plus the half.
-    pub lamp_slot: u32,
+    /// See [`StoredShare::new`].
+    packed: u32,
     /// Irradiance at the place for an exitance of 1, were it the half's only ray from there.
     pub factor: f32,
+}
+
+/// Sides that a dictionary may hold.
+pub const MOST_SIDES: usize = 1 << 21;
+
+impl StoredShare {
+    /// Packs the index of the lamp in the dictionary (below [`MOST_SIDES`]), round (0..64) and slot: twice the place,
+    /// plus the half.
+    #[must_use]
+    pub fn new(lamp: u32, round: u8, slot: u8, factor: f32) -> Self {
+        Self { packed: lamp << 11 | u32::from(round & 63) << 5 | u32::from(slot & 31), factor }
+    }
+
+    /// Index of the lamp in the dictionary.
+    #[must_use]
+    pub fn lamp(&self) -> usize {
+        (self.packed >> 11) as usize
+    }
+
+    /// Round.
+    #[must_use]
+    pub fn round(&self) -> u8 {
+        (self.packed >> 5 & 63) as u8
+    }
+
+    /// Twice the place, plus the half.
+    #[must_use]
+    pub fn slot(&self) -> u8 {
+        (self.packed & 31) as u8
+    }
 }
 
 /// Where a ray over the hemisphere ended.
@@ -98,7 +128,7 @@ impl<'a> LinksView<'a> {
             return Err("rows do not cover the entries".to_owned());
         }
         let sides = view.sides.len();
-        if view.shares.iter().any(|s| (s.lamp_slot >> 5) as usize >= sides)
+        if view.shares.iter().any(|s| s.lamp() >= sides)
             || view.hits.iter().any(|h| h.side as usize >= sides)
         {
             return Err("an entry names a side that is not in the dictionary".to_owned());

@@ -42,6 +42,12 @@ fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
 pub struct Covering(Vec<RayPatch>);
 
 impl Covering {
+    /// Whether none does.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Whether a place of that side lies under one of them.
     #[must_use]
     pub fn covers(&self, place: DVec3) -> bool {

@@ -151,9 +151,7 @@ impl RowStore<'_, '_> {
             let (shares, hits) = view.entries(head);
             let weight = 1.0 / f32::from(head.rounds);
             for share in shares {
-                let slot = (share.lamp_slot & 31) as usize;
-                let exitance = exitances[of][(share.lamp_slot >> 5) as usize];
-                add(&mut halves, slot, exitance, share.factor * weight);
+                add(&mut halves, usize::from(share.slot()), exitances[of][share.lamp()], share.factor * weight);
             }
             let mut gone = 0u32;
             for (hit, slot) in hits.iter().zip(slots(head.open)) {

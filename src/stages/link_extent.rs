@@ -138,10 +138,7 @@ impl<'a> LinkExtent<'a> {
         array(write, [head])?;
         array(write, self.heads.iter().copied())?;
         array(write, self.sides.iter().copied())?;
-        array(
-            write,
-            shares.map(|s| StoredShare { lamp_slot: index(s.lamp) << 5 | u32::from(s.slot), factor: s.factor }),
-        )?;
+        array(write, shares.map(|s| StoredShare::new(index(s.lamp), s.round, s.slot, s.factor)))?;
         array(write, hits.map(|h| StoredHit { side: index(h.side), at: h.at }))
     }
 }
@@ -162,8 +159,9 @@ pub fn rows_of(views: &[LinksView<'_>]) -> Vec<Row> {
         let name = |side: u32| NodeName(view.sides[side as usize]);
         let (part, found) = if head.part == 0 {
             let share = |s: &StoredShare| Share {
-                lamp: name(s.lamp_slot >> 5),
-                slot: (s.lamp_slot & 31) as u8,
+                lamp: NodeName(view.sides[s.lamp()]),
+                slot: s.slot(),
+                round: s.round(),
                 factor: s.factor,
             };
             (Part::Direct, Found::Shares(shares.iter().map(share).collect()))
@@ -214,7 +212,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::create(dir.path(), std::time::Duration::ZERO).unwrap();
         let mut writer = SegmentWriter::create(&store, "test").unwrap();
-        let share = Share { lamp: side(9, 3), slot: 31, factor: 0.25 };
+        let share = Share { lamp: side(9, 3), slot: 31, round: 5, factor: 0.25 };
         let found = Found::Shares(vec![share; 3]);
         let direct = Row { element: side(4, 0), part: Part::Direct, rounds: 1, open: 0xff, found };
         // More hits than a piece holds.

@@ -105,7 +105,8 @@ impl Case {
         let split = (promise > 0.0 && self.may_be_split()).then(|| Offer {
             act: Act::Split,
             promise: promise * self.weight_m2,
-            cost: 4.0 * ROUND * f64::from(rounds_of_children(self.rounds)),
+            // Children take over what rays within them found.
+            cost: 4.0 * ROUND * f64::from(rounds_of_children(self.rounds) - self.rounds / 4),
         });
         match (cast, split) {
             (Some(cast), Some(split)) => Some(if cast.rate() >= split.rate() { cast } else { split }),

@@ -302,9 +302,14 @@ impl Refiner<'_, '_> {
                     if element.is_leaf() {
                         self.mesh.split(at, &self.view.geometry.patches[usize::from(name.patch_side().patch)]);
                     }
-                    self.rows.remove(&(name, part));
+                    let worked = self.rows.remove(&(name, part)).expect("it is worked on");
                     self.gone.push((name, part));
+                    let measured = Measured::of(&self.view, self.sides, name, part, self.context.seed);
                     for quarter in 0..4 {
+                        let row = measured.places.of_child(&worked.row, quarter);
+                        if row.rounds > 0 {
+                            self.rows.insert(row.key(), Worked { row, fit: Fit::default(), is_changed: true });
+                        }
                         self.measure(name.child(quarter), part, rounds_of_children(rounds))?;
                         open.push(((name.child(quarter), part), acts + 1));
                     }

@@ -27,6 +27,9 @@ pub struct Hit {
     pub at: [u16; 2],
 }
 
+/// What left the model, or was covered where it began.
+pub const GONE: Hit = Hit { side: NodeName::ESCAPE, at: [0; 2] };
+
 /// A lamp that a ray from a place reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Share {
@@ -34,6 +37,8 @@ pub struct Share {
     pub lamp: NodeName,
     /// Place and half: [`slot`].
     pub slot: u8,
+    /// Round.
+    pub round: u8,
     /// Irradiance at the place for an exitance of 1, were it the half's only ray from there.
     pub factor: f32,
 }

@@ -1,16 +1,13 @@
 //! Indirect light: cosine-weighted rays from the places of an element (Malley's method).
 
-use crate::base::{ClusterId, NodeName, Result};
+use crate::base::{ClusterId, Result};
 use crate::geom::sequence::cosine_direction;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
 use crate::transport::light::lit::{Lights, met};
 use crate::transport::nodes::places::{Draws, Places};
-use crate::transport::row::Hit;
-
-/// What left the model, or was covered where it began.
-const GONE: Hit = Hit { side: NodeName::ESCAPE, at: [0; 2] };
+use crate::transport::row::{GONE, Hit};
 
 /// Casts the rays of some rounds: one of each half from each open place. In the order of rows.
 pub fn cast(

@@ -1,20 +1,29 @@
-//! Where an element is measured: in every round sixteen places, one in each cell of a grid over it.
+//! Where an element is measured: in every round sixteen places, one in each cell of it.
+//!
+//! The cells of an element whose children are alike are its children's children. Four rounds look at the four children of
+//! a cell, sixteen at theirs: so four rounds of an element are one of each of its children, which take them over.
 
 use glam::DVec3;
 
 use super::frame::{Frame, Plane};
 use crate::geom::polygon::Polygon;
+use crate::geom::quadtree::{Alike, alike};
 use crate::geom::sequence::{Sequence, mix, unit};
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
 use crate::transport::light::line::{Design, PLACES};
-use crate::transport::row::Part;
+use crate::transport::row::{Found, GONE, Part, Row, Share, slot};
 
-/// Places of an element: in every round another one in each cell of a grid.
+/// Places of an element: in every round another one in each cell.
 pub struct Places<'a> {
     shape: Polygon,
+    alike: Option<Alike>,
     covering: &'a Covering,
+    /// Of the element.
     seed: u64,
+    /// Of its side, and where below it the element lies.
+    of_side: u64,
+    path: u64,
     /// Bit i: cell i is open. What is covered where the first round looks takes no part.
     pub open: u16,
 }
@@ -22,15 +31,22 @@ pub struct Places<'a> {
 /// Tries to find an open place in a cell.
 const TRIES: u64 = 4;
 
+/// Levels below a cell in which rounds are spread evenly.
+const LEVELS: u32 = 3;
+
+/// Rounds from which on the mean of a cell's places is its middle, near enough.
+const MANY: u16 = 4;
+
 impl<'a> Places<'a> {
     /// Of an element, for one part of its light. What covers its side is left out.
     #[must_use]
     pub fn of(node: &Node, part: Part, seed: u64, covering: &'a Covering) -> Self {
-        let mut places = Self { shape: node.shape, covering, seed: seed_of(node, part, seed), open: 0 };
-        for cell in 0..PLACES {
-            if places.open_at(cell, 0).is_some() {
-                places.open |= 1 << cell;
-            }
+        let of_side = mix(seed ^ mix((node.name.0 >> 29) << 1 ^ (part as u64) << 63));
+        let (seed, path) = (seed_of(node, part, seed), u64::from(node.name.path()));
+        let alike = alike(&node.shape);
+        let mut places = Self { shape: node.shape, alike, covering, seed, of_side, path, open: u16::MAX };
+        if !covering.is_empty() {
+            places.open = (0..PLACES).filter(|cell| places.open_at(*cell, 0).is_some()).fold(0, |open, i| open | 1 << i);
         }
         places
     }
@@ -40,16 +56,40 @@ impl<'a> Places<'a> {
         (0..PLACES).filter(|i| self.open & (1 << i) != 0)
     }
 
-    /// Two numbers in 0..1 for a place of a cell, over the whole element.
+    /// The child of a cell (of alike children) that a round looks at, the path of the cell extended by it.
+    fn step(&self, path: u64, digit: u64) -> u64 {
+        path << 2 | (digit ^ mix(self.of_side ^ mix(path))) & 3
+    }
+
+    /// Two numbers in 0..1 for a place of a cell of a grid over the whole element.
     fn numbers(&self, cell: usize, round: u64, turn: u64) -> [f64; 2] {
-        let jitter = |k: u64| unit(mix(self.seed ^ mix(round << 16 | (cell as u64) << 8 | turn << 1 | k)));
-        [((cell % 4) as f64 + jitter(0)) / 4.0, ((cell / 4) as f64 + jitter(1)) / 4.0]
+        let [u, v] = self.jitter((cell as u64) << 8 | turn << 1, round);
+        [((cell % 4) as f64 + u) / 4.0, ((cell / 4) as f64 + v) / 4.0]
+    }
+
+    fn jitter(&self, of: u64, round: u64) -> [f64; 2] {
+        [0, 1].map(|k| unit(mix(self.seed ^ mix(round << 16 | of | k))))
+    }
+
+    fn place(&self, cell: usize, round: u64, turn: u64) -> DVec3 {
+        let Some(alike) = self.alike else {
+            let [u, v] = self.numbers(cell, round, turn);
+            return self.shape.even_point(u, v);
+        };
+        let mut path = self.path << 4 | cell as u64;
+        let jitter = self.jitter((cell as u64) << 8 | turn << 1, round);
+        if turn > 0 {
+            return alike.point(&self.shape, alike.within(path, 2, alike.even(jitter)));
+        }
+        for level in 0..LEVELS {
+            path = self.step(path, round >> (2 * level) & 3);
+        }
+        alike.point(&self.shape, alike.within(path, 2 + LEVELS, alike.even(jitter)))
     }
 
     fn open_at(&self, cell: usize, round: u64) -> Option<DVec3> {
         (0..TRIES).find_map(|turn| {
-            let [u, v] = self.numbers(cell, round, turn);
-            let point = self.shape.even_point(u, v);
+            let point = self.place(cell, round, turn);
             (!self.covering.covers(point)).then_some(point)
         })
     }
@@ -57,6 +97,9 @@ impl<'a> Places<'a> {
     /// The place of an open cell in a round.
     #[must_use]
     pub fn at(&self, cell: usize, round: u16) -> DVec3 {
+        if self.covering.is_empty() {
+            return self.place(cell, u64::from(round), 0);
+        }
         let found = self.open_at(cell, u64::from(round)).or_else(|| self.open_at(cell, 0));
         found.unwrap_or_else(|| self.shape.centroid())
     }
@@ -65,15 +108,64 @@ impl<'a> Places<'a> {
     #[must_use]
     pub fn design(&self, rounds: u16, frame: &Frame, centroid: Plane) -> Design {
         let middles = std::array::from_fn(|cell| {
-            let (mut sum, count) = ([0.0; 2], f64::from(rounds.max(1)));
-            for round in 0..u64::from(rounds.max(1)) {
-                let [u, v] = self.numbers(cell, round, 0);
-                sum = [sum[0] + u, sum[1] + v];
-            }
-            let at = frame.plane(self.shape.even_point(sum[0] / count, sum[1] / count));
+            let at = frame.plane(match self.alike {
+                Some(alike) if rounds >= MANY => {
+                    alike.point(&self.shape, alike.within(cell as u64, 2, alike.centroid()))
+                }
+                Some(_) => {
+                    let places = (0..rounds.max(1)).map(|round| self.place(cell, u64::from(round), 0));
+                    places.fold(DVec3::ZERO, |sum, place| sum + place) / f64::from(rounds.max(1))
+                }
+                None => {
+                    let (mut sum, count) = ([0.0; 2], f64::from(rounds.max(1)));
+                    for round in 0..u64::from(rounds.max(1)) {
+                        let [u, v] = self.numbers(cell, round, 0);
+                        sum = [sum[0] + u, sum[1] + v];
+                    }
+                    self.shape.even_point(sum[0] / count, sum[1] / count)
+                }
+            });
             [at[0] - centroid[0], at[1] - centroid[1]]
         });
         Design::new(middles, self.open)
+    }
+
+    /// What rays of the element's row have found within one of its children: the child's own first rounds, a quarter as
+    /// many; none where children are not alike or something covers the side.
+    #[must_use]
+    pub fn of_child(&self, row: &Row, quarter: u32) -> Row {
+        let nests = self.alike.is_some() && self.covering.is_empty();
+        let rounds = if nests { row.rounds / 4 } else { 0 };
+        // Where a cell's ray of a round went: the child's cell.
+        let cell_of = |cell: usize, round: u16| {
+            let path = self.path << 4 | cell as u64;
+            (cell % 4) << 2 | (self.step(path, u64::from(round) & 3) & 3) as usize
+        };
+        let cells = 4 * quarter as usize..4 * quarter as usize + 4;
+        let found = match &row.found {
+            Found::Shares(shares) => Found::Shares(
+                (shares.iter())
+                    .filter(|share| cells.contains(&usize::from(share.slot / 2)) && u16::from(share.round) < 4 * rounds)
+                    .map(|share| {
+                        let cell = cell_of(usize::from(share.slot / 2), u16::from(share.round));
+                        Share { slot: slot(cell, usize::from(share.slot % 2)), round: share.round / 4, ..*share }
+                    })
+                    .collect(),
+            ),
+            Found::Hits(hits) => {
+                let mut of_child = vec![GONE; 2 * PLACES * usize::from(rounds)];
+                for round in 0..4 * rounds {
+                    for cell in cells.clone() {
+                        for half in 0..2 {
+                            let to = usize::from(round / 4) * PLACES + cell_of(cell, round);
+                            of_child[2 * to + half] = hits[2 * (usize::from(round) * PLACES + cell) + half];
+                        }
+                    }
+                }
+                Found::Hits(of_child)
+            }
+        };
+        Row { element: row.element.child(quarter), part: row.part, rounds, open: u16::MAX, found }
     }
 }
 
