@@ -1,5 +1,4 @@
 //! Pictures of a solution. Pure: light in, pixels out.
 
 pub mod camera;
-pub mod smooth;
 pub mod tone;

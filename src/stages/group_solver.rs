@@ -21,6 +21,7 @@ use crate::rays::node::Node;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
 use crate::transport::iterate::relax::{self, Inner, Member, Shapes};
+use crate::transport::light::at::SideLight;
 use crate::transport::light::lit::Lights;
 use crate::transport::light::lit::LitCluster;
 use crate::transport::measure::check::{Check, RAYS};
@@ -337,37 +338,46 @@ impl GroupSolver<'_, '_> {
                 Err(_) => self.set.lit(cluster)?.leaving_at(side, place),
             })
         };
-        let (mut lamps, mut lamps_of) = (LightTree::default(), usize::MAX);
-        let (mut total, mut squares) = (0.0, 0.0);
-        for turn in 0..count {
+        let draw = |turn: u64| {
             let x = (turn as f64 + unit(mix(seed ^ mix(turn)))) / count as f64 * sum;
             let at = expected.partition_point(|(upto, ..)| *upto <= x).min(expected.len() - 1);
             let (upto, index, element) = expected[at];
             let own = upto - if at > 0 { expected[at - 1].0 } else { 0.0 };
-            let (member, id) = (&members[index], clusters[index]);
+            let side = members[index].mesh.elements[element].name.patch_side();
+            (index, side.index(), turn, element, own / sum)
+        };
+        let mut places: Vec<_> = (0..count).map(draw).collect();
+        places.sort_unstable_by_key(|(index, side, turn, ..)| (*index, *side, *turn));
+        let (mut total, mut squares) = (0.0, 0.0);
+        for of_cluster in places.chunk_by(|a, b| a.0 == b.0) {
+            let (index, id) = (of_cluster[0].0, clusters[of_cluster[0].0]);
             let loaded = self.set.mapped(id)?;
-            let view = loaded.view();
-            if lamps_of != index {
-                (lamps, lamps_of) = (LightTree::of_clusters(self.set, &self.set.visible(id)?.0)?, index);
-            }
-            let leaf = &member.mesh.elements[element];
-            let side = leaf.name.patch_side();
-            let node = Node::at(id, &view.geometry.patches[usize::from(side.patch)], leaf.name);
-            let own_seed = mix(seed ^ mix(turn ^ 1 << 40));
-            let place = node.shape.even_point(unit(mix(own_seed)), unit(mix(own_seed ^ 1)));
-            if sides[index].covering(side).covers(place) {
-                continue;
-            }
+            let (view, mesh) = (loaded.view(), &members[index].mesh);
+            let lamps = LightTree::of_clusters(self.set, &self.set.visible(id)?.0)?;
             let check = Check { scene: self.scene, lamps: &lamps, exitance: &exitance, leaving: &leaving };
-            let halves = check.halves(&node, place, own_seed, &mut report.work.rays)?;
-            let at = member.lit.frame(side.patch).plane(place);
-            let stored = leaf.line.at([at[0] - leaf.centroid[0], at[1] - leaf.centroid[1]]);
-            let [a, b] = halves.map(|half| half.times(Rgb::from_f32(self.settings.gain)) - stored);
-            let counts =
-                (self.settings.cap_w_m2.powi(2) / leaf.line.mean.norm_squared().max(f64::MIN_POSITIVE)).min(1.0);
-            let value = a.dot(b) * counts * leaf.area_m2 * sum / own;
-            total += value;
-            squares += value * value;
+            for of_side in of_cluster.chunk_by(|a, b| a.1 == b.1) {
+                let side = PatchSide::from_index(of_side[0].1);
+                let patch = &view.geometry.patches[usize::from(side.patch)];
+                let lines = mesh.leaves(side).into_iter().map(|at| (mesh.elements[at].name, mesh.elements[at].line));
+                let light = SideLight::new(patch, &lines.collect::<Vec<_>>());
+                for &(_, _, turn, element, share) in of_side {
+                    let leaf = &mesh.elements[element];
+                    let node = Node::at(id, patch, leaf.name);
+                    let own_seed = mix(seed ^ mix(turn ^ 1 << 40));
+                    let place = node.shape.even_point(unit(mix(own_seed)), unit(mix(own_seed ^ 1)));
+                    if sides[index].covering(side).covers(place) {
+                        continue;
+                    }
+                    let halves = check.halves(&node, place, own_seed, &mut report.work.rays)?;
+                    let stored = light.at(leaf.name, &node.shape, place);
+                    let [a, b] = halves.map(|half| half.times(Rgb::from_f32(self.settings.gain)) - stored);
+                    let bright = leaf.line.mean.norm_squared().max(f64::MIN_POSITIVE);
+                    let counts = (self.settings.cap_w_m2.powi(2) / bright).min(1.0);
+                    let value = a.dot(b) * counts * leaf.area_m2 / share;
+                    total += value;
+                    squares += value * value;
+                }
+            }
         }
         let n = count as f64;
         report.error.places += count;

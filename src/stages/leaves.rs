@@ -7,9 +7,8 @@ use crate::geom::grid::{GridPoint, element_corners};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree::{element_polygon, patch_polygon};
 use crate::model::light::ElementLight;
-use crate::render::smooth::SmoothSide;
+use crate::transport::light::at::SideLight;
 use crate::transport::light::line::Line;
-use crate::transport::nodes::frame::Frame;
 use crate::transport::source::ClusterView;
 
 /// A leaf element.
@@ -22,21 +21,15 @@ pub struct Leaf {
     pub radiosity: Rgb,
     /// What arrives at it, W/m2.
     pub irradiance: Rgb,
-    /// What leaves it at each corner of its patch's quadtree, in the winding of the front, W/m2.
-    pub at_corners: [Rgb; 4],
 }
 
-/// The leaves of one patch side, in order of name; none for a side that takes no part.
+/// The lines of one patch side's leaves, in order of name; none for a side that takes no part.
 #[must_use]
-pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
+pub fn lines_of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<(NodeName, Line)> {
     if !view.takes_part(at.index()) {
         return Vec::new();
     }
-    let patch = &view.geometry.patches[usize::from(at.patch)];
-    let frame = Frame::of(patch);
-    let material = &view.materials[at.index()];
-    let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
-    let mut leaves = Vec::new();
+    let mut lines = Vec::new();
     let mut below = vec![NodeName::root(view.id, at)];
     while let Some(name) = below.pop() {
         if view.light.has_children(name) {
@@ -44,26 +37,25 @@ pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
             continue;
         }
         let light = view.light.find(name).copied().unwrap_or(ElementLight::zeroed());
-        let irradiance = Rgb::from_f32(light.irradiance);
         let along = [light.slope_u, light.slope_v].map(Rgb::from_f32);
-        let line = Line { mean: irradiance, along };
-        let shape = element_polygon(patch, name.path());
-        let centroid = frame.plane(shape.centroid());
-        let mut at_corners = [Rgb::BLACK; 4];
-        for (value, [x, y]) in at_corners.iter_mut().zip(frame.corners(&shape)) {
-            let arrives = line.at([x - centroid[0], y - centroid[1]]);
-            *value = exitance + rho.times(Rgb(arrives.0.map(|x| x.max(0.0))));
-        }
-        leaves.push(Leaf {
-            name,
-            shape: if at.side == 0 { shape } else { shape.reversed() },
-            radiosity: exitance + rho.times(irradiance),
-            irradiance,
-            at_corners,
-        });
+        lines.push((name, Line { mean: Rgb::from_f32(light.irradiance), along }));
     }
-    leaves.sort_unstable_by_key(|leaf| leaf.name);
-    leaves
+    lines.sort_unstable_by_key(|(name, _)| *name);
+    lines
+}
+
+/// The leaves of one patch side, in order of name; none for a side that takes no part.
+#[must_use]
+pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
+    let patch = &view.geometry.patches[usize::from(at.patch)];
+    let material = &view.materials[at.index()];
+    let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
+    let leaf = |(name, line): (NodeName, Line)| {
+        let shape = element_polygon(patch, name.path());
+        let shape = if at.side == 0 { shape } else { shape.reversed() };
+        Leaf { name, shape, radiosity: exitance + rho.times(line.mean), irradiance: line.mean }
+    };
+    lines_of_side(view, at).into_iter().map(leaf).collect()
 }
 
 /// All sides of a cluster's patches, in order of name.
@@ -88,7 +80,9 @@ impl SideMesh {
         let leaves = of_side(view, at);
         let first = leaves.first()?;
         let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-        let smooth = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.at_corners)));
+        let light = SideLight::new(&view.geometry.patches[usize::from(at.patch)], &lines_of_side(view, at));
+        let material = &view.materials[at.index()];
+        let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
         let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();
         let mut mesh = Self {
             vertices: Vec::new(),
@@ -96,7 +90,7 @@ impl SideMesh {
             faces: Vec::with_capacity(leaves.len()),
         };
         for leaf in &leaves {
-            let values = smooth.at_corners(leaf.name);
+            let values = light.at_corners(leaf.name).map(|arrives| exitance + rho.times(arrives));
             let (points, corner_count) = element_corners(&patch, leaf.name.path());
             let is_back = leaf.name.patch_side().side == 1;
             let mut face = Vec::with_capacity(corner_count);

@@ -22,6 +22,7 @@ pub mod sample_files;
 pub mod settings;
 pub mod solve_group;
 pub mod status;
+pub mod stored_light;
 pub mod summary;
 pub mod visibility;
 pub mod working_set;

@@ -9,10 +9,8 @@ use crate::base::{ClusterId, PatchSide, Result, Rgb};
 use crate::rays::RayScene;
 use crate::rays::locate::Place;
 use crate::rays::node::Node;
-use crate::transport::light::line::Line;
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::measure::point::Gather;
-use crate::transport::nodes::frame::Frame;
 use crate::transport::source::Loaded;
 
 /// Measures points of surfaces.
@@ -42,20 +40,6 @@ impl<'a, 's> PointLight<'a, 's> {
         let lamps = self.lamps_of(id)?;
         // Exactly on the plane: what lies in it must not count as above or below.
         self.gather.at(&node, point - node.normal * node.height(point), &lamps, &mut self.rays)
-    }
-
-    /// What the stored solution says there.
-    pub fn stored(&self, at: Place, point: DVec3) -> Result<Rgb> {
-        let mapped = self.set.mapped(ClusterId(at.key.cluster))?;
-        let view = mapped.view();
-        let side = PatchSide { patch: at.key.patch as u8, side: at.side };
-        let leaf = view.leaf_at(side, point);
-        let Some(light) = view.light.find(leaf.name) else { return Ok(Rgb::BLACK) };
-        let frame = Frame::of(&view.geometry.patches[usize::from(side.patch)]);
-        let (at, centroid) = (frame.plane(point), frame.plane(leaf.shape.centroid()));
-        let line =
-            Line { mean: Rgb::from_f32(light.irradiance), along: [light.slope_u, light.slope_v].map(Rgb::from_f32) };
-        Ok(line.at([at[0] - centroid[0], at[1] - centroid[1]]))
     }
 
     fn lamps_of(&mut self, id: ClusterId) -> Result<Rc<LightTree>> {

@@ -3,35 +3,29 @@
 use std::path::PathBuf;
 
 use glam::DVec3;
-use lru::LruCache;
 use serde::Serialize;
 
 use super::entry;
-use super::leaves;
 use super::output::{self, Output};
 use super::ray_scene::with_scene;
+use super::stored_light::StoredLight;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;
 use crate::base::parallel::{Crew, Turns};
 use crate::base::text::shown;
-use crate::base::{ClusterId, Error, PatchSide, Progress, Result, Rgb};
+use crate::base::{ClusterId, Error, Progress, Result, Rgb};
 use crate::formats::picture::{write_hdr, write_png};
 use crate::geom::bounds::Bounds;
-use crate::geom::quadtree;
 use crate::rays::RayScene;
-use crate::rays::traverse::{Hit, Nearest};
+use crate::rays::traverse::Nearest;
 use crate::render::camera::{Camera, View};
-use crate::render::smooth::SmoothSide;
 use crate::render::tone;
 use crate::store::{ModelFacts, Store};
-use crate::transport::source::{ClusterView, Loaded};
 
 /// Rays per pixel and axis.
 const GRID: u32 = 2;
 /// Bytes that a pixel takes until the picture is written.
 const PIXEL_BYTES: u64 = 40;
-/// Bytes that a leaf takes in the cache of smooth sides.
-const LEAF_BYTES: usize = 160;
 /// What to draw.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -211,17 +205,14 @@ fn draw(plan: &Plan<'_>, progress: &dyn Progress) -> Result<(Vec<[f32; 3]>, u64)
 
 /// Looks up the light where rays meet the model.
 struct Eye<'a, 's> {
-    set: &'a WorkingSet<'s>,
     scene: RayScene<'a>,
-    smooth: LruCache<(u32, usize), (SmoothSide, usize)>,
-    bytes: usize,
-    limit_bytes: usize,
+    light: StoredLight<'a, 's>,
 }
 
 impl<'a, 's> Eye<'a, 's> {
     fn new(set: &'a WorkingSet<'s>, scene: RayScene<'a>, options: &Options) -> Self {
-        let limit_bytes = (options.memory.limit_bytes / 8 / options.threads.max(1) as u64) as usize;
-        Self { set, scene, smooth: LruCache::unbounded(), bytes: 0, limit_bytes }
+        let limit_bytes = options.memory.limit_bytes / 8 / options.threads.max(1) as u64;
+        Self { scene, light: StoredLight::new(set, limit_bytes as usize) }
     }
 
     fn row(&mut self, camera: &Camera, y: u32, (width, height): (u32, u32)) -> Result<Row> {
@@ -234,7 +225,7 @@ impl<'a, 's> Eye<'a, 's> {
                 };
                 let (from, along) = camera.ray(at(x, i % GRID, width), at(y, i / GRID, height));
                 if let Nearest::Met(hit) = self.scene.nearest(from, along, None) {
-                    sum += self.radiosity(&hit, from + along * hit.t)?;
+                    sum += self.light.radiosity(ClusterId(hit.key.cluster), hit.side(), from + along * hit.t)?;
                     met = true;
                 }
             }
@@ -243,35 +234,5 @@ impl<'a, 's> Eye<'a, 's> {
             row.covered += u64::from(met);
         }
         Ok(row)
-    }
-
-    /// What leaves a place towards the eye, W/m2.
-    fn radiosity(&mut self, hit: &Hit, point: DVec3) -> Result<Rgb> {
-        let cluster = self.set.mapped(ClusterId(hit.key.cluster))?;
-        let view = cluster.view();
-        let at = hit.side();
-        if !view.takes_part(at.index()) {
-            return Ok(Rgb::BLACK);
-        }
-        let leaf = view.leaf_at(at, point);
-        Ok(self.side(&view, at).at(leaf.name, &leaf.shape, point))
-    }
-
-    fn side(&mut self, view: &ClusterView<'_>, at: PatchSide) -> &SmoothSide {
-        let key = (view.id.0, at.index());
-        if !self.smooth.contains(&key) {
-            let leaves = leaves::of_side(view, at);
-            let patch = quadtree::patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-            let side = SmoothSide::new(patch, leaves.iter().map(|l| (l.name, l.at_corners)));
-            let bytes = leaves.len() * LEAF_BYTES;
-            self.smooth.put(key, (side, bytes));
-            self.bytes += bytes;
-            while self.bytes > self.limit_bytes && self.smooth.len() > 1 {
-                if let Some((_, (_, freed))) = self.smooth.pop_lru() {
-                    self.bytes -= freed;
-                }
-            }
-        }
-        &self.smooth.get(&key).expect("just put there").0
     }
 }

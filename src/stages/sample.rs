@@ -8,9 +8,11 @@ use serde::Serialize;
 
 use super::point_light::PointLight;
 use super::ray_scene::{OpenScene, with_scene};
+use super::stored_light::StoredLight;
 use super::working_set::WorkingSet;
-use crate::base::{Error, Progress, Result, Rgb, lux};
+use crate::base::{ClusterId, Error, PatchSide, Progress, Result, Rgb, lux};
 use crate::formats::points::SensorPoint;
+use crate::rays::locate::Place;
 use crate::store::{ModelFacts, Store};
 
 /// How to sample.
@@ -38,6 +40,9 @@ pub struct Summary {
 /// Where nobody has solved yet.
 const DEFAULT_TOLERANCE: f64 = 0.02;
 
+/// Bytes of stored light that are held.
+const HELD_BYTES: usize = 32 << 20;
+
 /// Header of the result.
 pub const HEADER: &str = "x,y,z,nx,ny,nz,irradiance_r_w_m2,irradiance_g_w_m2,irradiance_b_w_m2,illuminance_lx";
 
@@ -56,15 +61,22 @@ pub fn execute(
     let tolerance = store.options_of_branch(branch)?.map_or(DEFAULT_TOLERANCE, |options| options.tolerance);
     let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     with_scene(&set, |open| {
-        let mut light = PointLight::new(&set, open.scene, tolerance);
-        answer(open, &mut light, options, (&facts, snap_m), points, out, progress)
+        let (mut measured, mut stored) = (PointLight::new(&set, open.scene, tolerance), StoredLight::new(&set, HELD_BYTES));
+        let mut light = |place: Place, point: DVec3| match options.is_stored {
+            true => stored.irradiance(
+                ClusterId(place.key.cluster),
+                PatchSide { patch: place.key.patch as u8, side: place.side },
+                point,
+            ),
+            false => measured.irradiance(place, point),
+        };
+        answer(open, &mut light, (&facts, snap_m), points, out, progress)
     })
 }
 
 fn answer(
     open: &OpenScene<'_>,
-    light: &mut PointLight<'_, '_>,
-    options: &Options,
+    light: &mut dyn FnMut(Place, DVec3) -> Result<Rgb>,
     (facts, snap_m): (&ModelFacts, f64),
     points: &mut dyn Iterator<Item = Result<SensorPoint>>,
     out: &mut dyn Write,
@@ -87,10 +99,7 @@ fn answer(
         summary.points += 1;
         let [x, y, z] = point.position;
         let [nx, ny, nz] = point.normal;
-        let answer = open
-            .scene
-            .locate(at, normal, snap_m)
-            .map(|place| if options.is_stored { light.stored(place, at) } else { light.irradiance(place, at) });
+        let answer = open.scene.locate(at, normal, snap_m).map(|place| light(place, at));
         open.look.verdict()?;
         let answer = match answer {
             Some(irradiance) => {

@@ -151,6 +151,22 @@ impl Mesh {
         at
     }
 
+    /// The leaves of one side, the elements above them in order.
+    #[must_use]
+    pub fn leaves(&self, side: PatchSide) -> Vec<usize> {
+        let (mut leaves, mut open) = (Vec::new(), vec![side.index()]);
+        while let Some(at) = open.pop() {
+            let element = &self.elements[at];
+            if element.is_leaf() {
+                leaves.push(at);
+            } else {
+                let first = element.first_child as usize;
+                open.extend((first..first + 4).rev());
+            }
+        }
+        leaves
+    }
+
     /// Calls `visit` with every element and its shape, those above before those below.
     pub fn for_each_shape(&self, patches: &[PatchRecord], mut visit: impl FnMut(usize, &Polygon)) {
         let mut open: Vec<(usize, Polygon)> = Vec::new();
