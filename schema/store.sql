@@ -146,6 +146,7 @@ CREATE TABLE solution_versions (
     estimated_nrms_error REAL, -- its standard error
     correction REAL, -- squared error of places measured anew, relative to what rows know
     correction_error REAL,
+    places REAL, -- that the correction rests on; those of iterations before count less
     gain_r REAL, -- what gathers are multiplied by so that power is kept, by channel
     gain_g REAL,
     gain_b REAL,

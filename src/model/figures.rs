@@ -153,6 +153,8 @@ pub struct Steering {
     pub correction: f64,
     /// Its standard error.
     pub correction_error: f64,
+    /// Places that it rests on; those of iterations before count less.
+    pub places: f64,
     /// What gathers are multiplied by so that power is kept.
     pub gain: [f64; 3],
 }
@@ -167,6 +169,7 @@ impl Default for Steering {
             estimated_nrms_error: 0.0,
             correction: 0.0,
             correction_error: 0.0,
+            places: 0.0,
             gain: [1.0; 3],
         }
     }

@@ -53,11 +53,8 @@ pub struct StoredShare {
     pub factor: f32,
 }
 
-/// Sides that a dictionary may hold.
-pub const MOST_SIDES: usize = 1 << 21;
-
 impl StoredShare {
-    /// Packs the index of the lamp in the dictionary (below [`MOST_SIDES`]), round (0..64) and slot: twice the place,
+    /// Packs the index of the lamp in the dictionary (below [`MOST_LAMPS`]), round (0..64) and slot: twice the place,
     /// plus the half.
     #[must_use]
     pub fn new(lamp: u32, round: u8, slot: u8, factor: f32) -> Self {
@@ -109,7 +106,7 @@ pub struct LinksView<'a> {
 }
 
 /// Entries of the dictionary that shares can name.
-pub const MOST_LAMPS: usize = 1 << 27;
+pub const MOST_LAMPS: usize = 1 << 21;
 
 impl<'a> LinksView<'a> {
     /// Borrows the arrays of a payload.

@@ -25,9 +25,14 @@ const LEAST_COSINE: f64 = 0.5;
 /// Places along and across an element that is looked at for faces that cover it.
 const PLACES: u32 = 16;
 
+/// Corners of a patch; a triangle repeats its third.
+fn corners_of(patch: &RayPatch) -> [DVec3; 4] {
+    patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)))
+}
+
 /// Distance of a point from a patch: in its plane from its outline (0 inside), and off its plane.
 fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
-    let c = patch.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
+    let c = corners_of(patch);
     let c = &c[..patch.corner_count as usize];
     let outside = (0..c.len())
         .map(|i| {
@@ -58,6 +63,10 @@ impl Covering {
     #[must_use]
     pub fn shown_share(&self, element: &Node) -> f64 {
         if self.0.is_empty() {
+            return 1.0;
+        }
+        let bounds = Bounds::of(element.shape.corners());
+        if !self.0.iter().any(|face| bounds.meets(Bounds::of(&corners_of(face)))) {
             return 1.0;
         }
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);

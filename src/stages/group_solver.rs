@@ -15,6 +15,7 @@ use glam::DVec3;
 use crate::base::{ClusterId, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::geom::sequence::{mix, unit};
 use crate::model::ExtentKind;
+use crate::model::links::for_each_row;
 use crate::model::report::TaskReport;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
@@ -24,6 +25,7 @@ use crate::transport::iterate::relax::{self, Inner, Member, Shapes};
 use crate::transport::light::at::SideLight;
 use crate::transport::light::lit::Lights;
 use crate::transport::light::lit::LitCluster;
+use crate::transport::nodes::mesh::Mesh;
 use crate::transport::measure::check::{Check, RAYS};
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::records;
@@ -143,7 +145,16 @@ impl GroupSolver<'_, '_> {
             let loaded = self.set.mapped(id)?;
             let view = loaded.view();
             let sides = self.sides.of(&view, &self.scene);
-            let refined = self.refine(id, &view, &sides)?;
+            let refined = match self.unchanged(id, &view)? {
+                Some((mesh, entries)) => {
+                    report.work.links_stored += entries;
+                    report.work.links_reused += entries;
+                    self.add_member(mesh, &view, sides, (&mut members, &mut shapes));
+                    self.progress.at(done as u64 + 1);
+                    continue;
+                }
+                None => self.refine(id, &view, &sides)?,
+            };
             report.work.rays += refined.counts.rays;
             report.work.links_evaluated += refined.counts.measured;
             let entries: usize = refined.rows.iter().map(|row| row.len()).sum();
@@ -157,11 +168,7 @@ impl GroupSolver<'_, '_> {
                 report.work.links_reused += entries as u64;
             }
             let Refined { mesh, rows: written, .. } = refined;
-            let materials = view.materials.to_vec();
-            let lit = LitCluster::of(&mesh, view.geometry.patches, &materials);
-            let above = mesh.rows_above();
-            members.push(Member { mesh, materials, lit, above, external: Vec::new(), escapes: Vec::new() });
-            shapes.sides.push(sides);
+            self.add_member(mesh, &view, sides, (&mut members, &mut shapes));
             drop(written);
             if entries * size_of::<Hit>() > MANY_LINKS_BYTES {
                 segment::give_back_freed_memory();
@@ -191,6 +198,42 @@ impl GroupSolver<'_, '_> {
         }
         report.work.elements = members.iter().map(|m| m.mesh.elements.len() as u64).sum();
         Ok(Solved { rows, report })
+    }
+
+    fn add_member(
+        &self,
+        mesh: Mesh,
+        view: &ClusterView<'_>,
+        sides: Rc<Sides>,
+        (members, shapes): (&mut Vec<Member>, &mut GroupShapes<'_, '_>),
+    ) {
+        let materials = view.materials.to_vec();
+        let lit = LitCluster::of(&mesh, view.geometry.patches, &materials);
+        let above = mesh.rows_above();
+        members.push(Member { mesh, materials, lit, above, external: Vec::new(), escapes: Vec::new() });
+        shapes.sides.push(sides);
+    }
+
+    /// A cluster whose stored rows are those that its light tells of, and cover all its sides, where nothing is to be
+    /// done about them; and the entries of these.
+    fn unchanged(&self, id: ClusterId, view: &ClusterView<'_>) -> Result<Option<(Mesh, u64)>> {
+        if self.settings.threshold < f64::INFINITY || !self.settings.keep_links {
+            return Ok(None);
+        }
+        let chain = Chain::of(self.set, id, None)?;
+        let mesh = Mesh::load(view.id, view.geometry.patches, &view.light);
+        let mut known = mesh.rows.iter().map(|row| (mesh.elements[row.element as usize].name, row.part));
+        let (mut is_same, mut entries) = (true, 0);
+        let mut covered = vec![[false; 2]; 2 * view.geometry.patches.len()];
+        for_each_row(&chain.views()?, |_, head| {
+            entries += u64::from(head.count);
+            let part = Part::ALL[usize::from(head.part)];
+            is_same &= known.next() == Some((NodeName(head.element), part));
+            covered[NodeName(head.element).patch_side().index()][part as usize] = true;
+        });
+        let is_same = is_same && known.next().is_none();
+        let are_covered = (0..covered.len()).all(|side| !view.takes_part(side) || covered[side] == [true; 2]);
+        Ok((is_same && are_covered).then_some((mesh, entries)))
     }
 
     /// Brings a cluster's rows up to date.
@@ -291,8 +334,9 @@ impl GroupSolver<'_, '_> {
     }
 }
 
-/// Share of the rays in rows that places measured anew may cost; at least so many places a group.
-const CHECKED: (f64, f64) = (0.05, 16.0);
+/// Share of the rays in rows that places measured anew may cost while rows are marked, and else, when rows stay and
+/// iterations add up; at least so many places a group.
+const CHECKED: ([f64; 2], f64) = ([0.05, 0.0125], 16.0);
 
 impl GroupSolver<'_, '_> {
     /// Measures places of the group anew, more of them where more error is expected, and adds what their light is off.
@@ -328,7 +372,8 @@ impl GroupSolver<'_, '_> {
             return Ok(());
         }
         let rays_of_place = 2.0 * (RAYS[0] + RAYS[1]) as f64;
-        let count = (CHECKED.0 * report.error.rays / rays_of_place).max(CHECKED.1) as u64;
+        let share = CHECKED.0[usize::from(self.settings.threshold == f64::INFINITY)];
+        let count = (share * report.error.rays / rays_of_place).max(CHECKED.1) as u64;
         let seed =
             mix(self.settings.seed ^ mix(self.settings.iteration ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
         let exitance = |lamp: NodeName| exitance(self.set, lamp);

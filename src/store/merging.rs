@@ -112,7 +112,7 @@ const FIGURES: &str =
     "converged, tolerance, residual, contraction, predicted_error, emitted_r_w, emitted_g_w, emitted_b_w,
     absorbed_r_w, absorbed_g_w, absorbed_b_w, escaped_r_w, escaped_g_w, escaped_b_w, energy_balance, elements,
     links_evaluated, links_stored, links_reused, rays, unlinked_mean, phase, threshold, lit_mean_w_m2, estimated_nrms,
-    estimated_nrms_error, correction, correction_error, gain_r, gain_g, gain_b";
+    estimated_nrms_error, correction, correction_error, places, gain_r, gain_g, gain_b";
 
 fn damaged(detail: impl Into<String>) -> Error {
     Error::damaged(std::path::Path::new(super::sql::CATALOGUE), detail)
@@ -301,7 +301,8 @@ impl Store {
                     estimated_nrms_error: r.get(25)?,
                     correction: r.get(26)?,
                     correction_error: r.get(27)?,
-                    gain: triple(28)?,
+                    places: r.get(28)?,
+                    gain: triple(29)?,
                 },
             })
         });
@@ -416,6 +417,7 @@ fn insert_version(
         f.steering.estimated_nrms_error,
         f.steering.correction,
         f.steering.correction_error,
+        f.steering.places,
         f.steering.gain[0],
         f.steering.gain[1],
         f.steering.gain[2],

@@ -13,8 +13,9 @@ use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
 const SCHEMA: &str = include_str!("../../schema/store.sql");
-/// Today's format, the catalogue's `user_version`: 1 and 2 held patches that walls stood across, 3 one value an element.
-pub(super) const FORMAT: usize = 4;
+/// Today's format, the catalogue's `user_version`: 1 and 2 held patches that walls stood across, 3 one value an element,
+/// 4 lamps of rows without their rounds.
+pub(super) const FORMAT: usize = 5;
 const VIEWS: &str = include_str!("../../schema/views.sql");
 
 /// Where SQLite keeps `user_version` in a database file.

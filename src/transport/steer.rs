@@ -7,7 +7,7 @@ use crate::model::report::ErrorSums;
 
 /// A branch has converged when what is left is below this part of the tolerance. Sweeps over stored links are
 /// cheap, and where reflectance is high the rest is a bias of everything alike.
-pub const STOP: f64 = 25.0;
+pub const STOP: f64 = 15.0;
 
 /// Share of the tolerance that rows may use up. What few of them have wrong together goes round, and no place tells: it
 /// falls with the root of their number and grows by 1 / (1 - rho), and is to stay below a quarter of the tolerance.
@@ -39,7 +39,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let tolerance = asked * of_rows;
     let [lit, area] = error.lit;
     let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
-    let (correction, correction_error) = corrected(error, before);
+    let Corrected { correction, error: correction_error, places } = corrected(error, before);
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
     let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
     let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
@@ -60,7 +60,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
             (Phase::Close, None)
         } else {
             // Where nothing is left to be done, that is it.
-            let threshold = oracle::threshold(&error.bins, excess * error.norm, error.rays);
+            let aim = excess.max(LEAST_EXCESS * tolerance * tolerance);
+            let threshold = oracle::threshold(&error.bins, aim * error.norm, error.rays);
             (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
         };
     Steering {
@@ -71,6 +72,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
         estimated_nrms_error,
         correction,
         correction_error,
+        places,
         gain,
     }
 }
@@ -79,7 +81,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
 /// but goes round: light is off by that much over 1 - rho. Once light is still, what arrives is made as much as leaves.
 fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     let Power { emitted_w, absorbed_w, escaped_w, received_w } = settling.power;
-    let is_still = settling.predicted_error <= tolerance / STOP;
+    let is_still = settling.predicted_error <= tolerance / STILL;
     if !is_still || settling.power.imbalance() <= ADDS_UP {
         return before;
     }
@@ -91,6 +93,9 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     // What is off by more is wrong, not rough.
     if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance) { after } else { before }
 }
+
+/// What is left to change, in tolerances' parts, where light is still enough to see what it misses.
+const STILL: f64 = 8.0;
 
 /// Share of what is emitted that may leave a model that counts as closed.
 const CLOSED: f64 = 0.01;
@@ -125,29 +130,43 @@ pub fn has_stalled(markings: &[Marking]) -> bool {
     before.len() == PATIENCE.0 && mean(recent) > FALLS * mean(before)
 }
 
-/// How far what rows know is off: from places measured anew in this iteration, and in those before at half the weight.
-fn corrected(error: &ErrorSums, before: &Steering) -> (f64, f64) {
+/// How far what rows know is off.
+struct Corrected {
+    correction: f64,
+    error: f64,
+    places: f64,
+}
+
+/// From places measured anew in this iteration, and in those before: each counts alike, since few places say of
+/// themselves that they are precise where they have missed what is rare; those before count less, since light has changed.
+fn corrected(error: &ErrorSums, before: &Steering) -> Corrected {
     let [squared, variance] = error.checked;
+    let known = Corrected { correction: before.correction, error: before.correction_error, places: before.places };
     if error.places == 0 {
-        return (before.correction, before.correction_error);
+        return known;
     }
     // Rows that know of no error at all are not off: there is nothing to be known.
     let rough = error.rough.max(f64::MIN_POSITIVE);
-    let now = if error.rough > 0.0 { (squared / rough, variance.sqrt() / rough) } else { (1.0, 0.0) };
-    if before.correction == 0.0 || now.1 == 0.0 {
-        return now;
-    }
-    // As worth as they are precise, those before half as much: light has changed since.
-    let weights = [1.0 / (now.1 * now.1), 0.5 / before.correction_error.powi(2).max(f64::MIN_POSITIVE)];
-    let sum = weights[0] + weights[1];
-    ((now.0 * weights[0] + before.correction * weights[1]) / sum, (1.0 / sum).sqrt())
+    let (now, now_error) = if error.rough > 0.0 { (squared / rough, variance.sqrt() / rough) } else { (1.0, 0.0) };
+    let kept = if before.phase == Phase::Mark { KEPT.0 } else { KEPT.1 };
+    let (new, old) = (error.places as f64, kept * known.places);
+    let places = new + old;
+    let of_both = |x: f64, y: f64| (x * new + y * old) / places;
+    let error = of_both(now_error, 0.0).hypot(of_both(0.0, known.error));
+    Corrected { correction: of_both(now, known.correction), error, places }
 }
+
+/// What places of an iteration count in the next one: after rows were marked, and else.
+const KEPT: (f64, f64) = (0.5, 0.9);
 
 /// Share of the tolerance that what light still changes is measured by where the estimated error is less.
 const LEAST_OF_TOLERANCE: f64 = 0.5;
 
 /// Below this a correction is luck.
 const LEAST_CORRECTION: f64 = 0.05;
+
+/// Least excess that a marking aims at, in squared tolerances: what iterations cost is not worth less.
+const LEAST_EXCESS: f64 = 0.3;
 
 /// Share of the estimated error below which what light still changes no longer hides what promises most.
 const SETTLED: f64 = 0.5;
