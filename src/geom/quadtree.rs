@@ -210,6 +210,57 @@ impl Alike {
     }
 }
 
+/// How a triangle or parallelogram is cut whose points are told by two numbers: of a parallelogram along its first and its
+/// last edge, of a triangle the weights of its second and third corner; in units of 2^-32.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum UnitCut {
+    /// Into quarters.
+    Quarters = 0,
+    /// Into slices along its first edge.
+    AlongFirst = 1,
+    /// Into slices along its last edge.
+    AlongLast = 2,
+    /// A triangle, at the middles of its edges.
+    Corners = 3,
+}
+
+impl UnitCut {
+    /// All, by number.
+    pub const ALL: [Self; 4] = [Self::Quarters, Self::AlongFirst, Self::AlongLast, Self::Corners];
+
+    /// Of a shape; `None` for needles and quads that are no parallelograms.
+    #[must_use]
+    pub fn of(shape: &Polygon) -> Option<Self> {
+        match Cut::of(shape) {
+            _ if shape.is_skew() => None,
+            Cut::Quarters => Some(Self::Quarters),
+            Cut::AlongFirst => Some(Self::AlongFirst),
+            Cut::AlongSecond => Some(Self::AlongLast),
+            Cut::Corners => Some(Self::Corners),
+            Cut::Needle(_) => None,
+        }
+    }
+
+    /// The child that a point lies in, and the point's numbers there.
+    #[inline(always)]
+    #[must_use]
+    pub fn child(self, [x, y]: [u32; 2]) -> (u32, [u32; 2]) {
+        match self {
+            Self::Quarters => {
+                let (right, upper) = (x >> 31, y >> 31);
+                (if upper == 0 { right } else { 3 - right }, [x << 1, y << 1])
+            }
+            Self::AlongFirst => (x >> 30, [x << 2, y]),
+            Self::AlongLast => (y >> 30, [x, y << 2]),
+            Self::Corners if x >> 31 == 1 => (1, [x << 1, y << 1]),
+            Self::Corners if y >> 31 == 1 => (2, [x << 1, y << 1]),
+            Self::Corners if (x + y) >> 31 == 0 => (0, [x << 1, y << 1]),
+            Self::Corners => (3, [x << 1, y << 1].map(|twice| 0u32.wrapping_sub(twice))),
+        }
+    }
+}
+
 /// Longest edge that the children of a shape have, m; of a needle's first about so.
 #[must_use]
 pub fn child_edge_m(shape: &Polygon) -> f64 {
@@ -313,6 +364,18 @@ mod tests {
                 assert!((shape.normal() - whole.normal()).length() < 1e-6);
                 for q in 0..4 {
                     let part = child(&shape, q);
+                    if let Some(cut) = UnitCut::of(&shape) {
+                        let c = shape.corners();
+                        let (a, b) = (c[1] - c[0], c[c.len() - 1] - c[0]);
+                        let numbers = |p: DVec3| {
+                            let (normal, p) = (a.cross(b), p - c[0]);
+                            [p.cross(b), a.cross(p)].map(|n| n.dot(normal) / normal.length_squared() * 2f64.powi(32))
+                        };
+                        let (chosen, [x, y]) = cut.child(numbers(part.centroid()).map(|x| x as u32));
+                        assert_eq!(chosen, q, "{path:b} {shape:?}");
+                        let middle = if part.corners().len() == 3 { 1.0 / 3.0 } else { 0.5 };
+                        assert!([x, y].iter().all(|x| (f64::from(*x) / 2f64.powi(32) - middle).abs() < 1e-6));
+                    }
                     assert_eq!(child_at(&shape, part.centroid()), q, "{path:b} {shape:?}");
                     assert!((part.normal() - whole.normal()).length() < 1e-6);
                 }
