@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use super::spool::Spool;
+use crate::base::NodeName;
 
 /// A vertex.
 pub struct PlyVertex {
@@ -52,11 +53,15 @@ impl PlyWriter {
         Ok(self.vertex_count - 1)
     }
 
-    /// Adds a face of three or four vertices.
-    pub fn face(&mut self, vertices: &[u32]) -> io::Result<()> {
+    /// Adds a face of three or four vertices: a leaf, or part of one.
+    pub fn face(&mut self, vertices: &[u32], leaf: NodeName) -> io::Result<()> {
         self.faces.write_all(&[vertices.len() as u8])?;
         for v in vertices {
             self.faces.write_all(&v.to_le_bytes())?;
+        }
+        let at = leaf.patch_side();
+        for x in [leaf.cluster().0, u32::from(at.patch), u32::from(at.side), leaf.path()] {
+            self.faces.write_all(&x.to_le_bytes())?;
         }
         self.face_count += 1;
         Ok(())
@@ -82,7 +87,8 @@ impl PlyWriter {
             writeln!(out, "property float radiosity_{channel}")?;
         }
         writeln!(out, "element face {}", self.face_count)?;
-        writeln!(out, "property list uchar uint vertex_indices\nend_header")?;
+        writeln!(out, "property list uchar uint vertex_indices")?;
+        writeln!(out, "property int cluster\nproperty int patch\nproperty int side\nproperty uint path\nend_header")?;
         self.vertices.copy_to(out)?;
         self.faces.copy_to(out)
     }
@@ -91,6 +97,7 @@ impl PlyWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::{ClusterId, PatchSide};
 
     #[test]
     fn the_header_counts_what_follows() {
@@ -101,13 +108,17 @@ mod tests {
             let v = PlyVertex { position, normal: [0., 0., 1.], display: [1, 2, 3], radiosity: [0.5; 3] };
             assert_eq!(ply.vertex(&v).unwrap(), i as u64);
         }
-        ply.face(&[0, 1, 2]).unwrap();
+        let leaf = NodeName::root(ClusterId(7), PatchSide { patch: 2, side: 1 }).child(3);
+        ply.face(&[0, 1, 2], leaf).unwrap();
         let mut out = Vec::new();
         ply.finish(&["W/m2".to_owned()], &mut out).unwrap();
         let end = out.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
         let header = std::str::from_utf8(&out[..end]).unwrap();
         assert!(header.contains("element vertex 3\n") && header.contains("element face 1\n"), "{header}");
-        assert_eq!(out.len() - end, 3 * (24 + 12 + 3 + 12) + 1 + 12);
+        assert_eq!(out.len() - end, 3 * (24 + 12 + 3 + 12) + 1 + 12 + 16);
+        let names: Vec<u32> =
+            out[out.len() - 16..].chunks(4).map(|x| u32::from_le_bytes(x.try_into().unwrap())).collect();
+        assert_eq!(names, [7, 2, 1, 0b1_11]);
         assert_eq!(f64::from_le_bytes(out[end + 8..end + 16].try_into().unwrap()), 1e7 + 0.001);
     }
 }

@@ -253,11 +253,11 @@ impl Walk<'_, '_> {
                 help: "export as GLB, which splits into several files".to_owned(),
             };
             let first = u32::try_from(first.unwrap_or(0)).map_err(|_| too_many())?;
-            for face in &mesh.faces {
+            for (leaf, face) in &mesh.faces {
                 let face: Vec<u32> = face.iter().map(|v| first + v).collect();
-                ply.face(&face).map_err(|e| self.io(&e))?;
-                elements += 1;
+                ply.face(&face, *leaf).map_err(|e| self.io(&e))?;
             }
+            elements += mesh.leaves;
         }
         Ok(elements)
     }
@@ -279,7 +279,7 @@ impl Walk<'_, '_> {
                 mesh.radiosity.push(radiosity.to_f32());
             }
             mesh.indices.extend(of_side.triangles().flatten().map(|v| first + v));
-            elements += of_side.faces.len() as u64;
+            elements += of_side.leaves;
         }
         (mesh, elements)
     }

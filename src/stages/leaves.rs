@@ -1,6 +1,7 @@
 //! The leaves of a cluster's quadtrees with their light, in order of name.
 
 use bytemuck::Zeroable;
+use glam::DVec3;
 
 use crate::base::{NodeName, PatchSide, Rgb};
 use crate::geom::grid::{GridPoint, element_corners};
@@ -69,8 +70,11 @@ pub struct SideMesh {
     pub vertices: Vec<([f64; 3], Rgb)>,
     /// Unit normal of the side.
     pub normal: [f64; 3],
-    /// Vertices of each leaf, three or four, winding towards the side.
-    pub faces: Vec<Vec<u32>>,
+    /// Leaves with vertices, three or four, winding towards the side. A leaf beside smaller ones is made of triangles, so
+    /// that no vertex lies on an edge.
+    pub faces: Vec<(NodeName, Vec<u32>)>,
+    /// Leaves.
+    pub leaves: u64,
 }
 
 impl SideMesh {
@@ -88,23 +92,39 @@ impl SideMesh {
             vertices: Vec::new(),
             normal: first.shape.normal().to_array(),
             faces: Vec::with_capacity(leaves.len()),
+            leaves: leaves.len() as u64,
         };
         for leaf in &leaves {
-            let values = light.at_corners(leaf.name).map(|arrives| exitance + rho.times(arrives));
-            let (points, corner_count) = element_corners(&patch, leaf.name.path());
+            let values = light.at_corners(leaf.name);
+            let (points, count) = element_corners(&patch, leaf.name.path());
             let is_back = leaf.name.patch_side().side == 1;
-            let mut face = Vec::with_capacity(corner_count);
-            for (i, corner) in leaf.shape.corners().iter().enumerate() {
-                // Corners of a back run the other way round.
-                let of = if is_back { corner_count - 1 - i } else { i };
+            // Corners of a back run the other way round.
+            let of = |i: usize| if is_back { count - 1 - i % count } else { i % count };
+            let corners = leaf.shape.corners();
+            let mut vertex = |at: Option<GridPoint>, place: DVec3, arrives: Rgb| {
                 let next = mesh.vertices.len() as u32;
-                let vertex = *known.entry(points[of]).or_insert(next);
-                if vertex == next {
-                    mesh.vertices.push((corner.to_array(), values[of]));
+                let number = at.map_or(next, |at| *known.entry(at).or_insert(next));
+                if number == next {
+                    mesh.vertices.push((place.to_array(), exitance + rho.times(arrives)));
                 }
-                face.push(vertex);
+                number
+            };
+            let mut outline = Vec::with_capacity(count);
+            for i in 0..count {
+                outline.push(vertex(Some(points[of(i)]), corners[i], values[of(i)]));
+                let to = corners[(i + 1) % count] - corners[i];
+                for (point, along, arrives) in light.between(points[of(i)], points[of(i + 1)]) {
+                    outline.push(vertex(Some(point), corners[i] + to * along, arrives));
+                }
             }
-            mesh.faces.push(face);
+            if outline.len() == count {
+                mesh.faces.push((leaf.name, outline));
+                continue;
+            }
+            let mean = values[..count].iter().fold(Rgb::BLACK, |sum, value| sum + *value) * (1.0 / count as f64);
+            let middle = vertex(None, leaf.shape.centre(), mean);
+            let next = |i: usize| outline[(i + 1) % outline.len()];
+            mesh.faces.extend((0..outline.len()).map(|i| (leaf.name, vec![middle, outline[i], next(i)])));
         }
         Some(mesh)
     }
@@ -117,6 +137,6 @@ impl SideMesh {
 
     /// Triangles of the faces.
     pub fn triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
-        self.faces.iter().flat_map(|f| (1..f.len() - 1).map(|i| [f[0], f[i], f[i + 1]]))
+        self.faces.iter().flat_map(|(_, f)| (1..f.len() - 1).map(|i| [f[0], f[i], f[i + 1]]))
     }
 }

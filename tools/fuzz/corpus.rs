@@ -99,7 +99,7 @@ pub fn links() -> Vec<u8> {
         open: 0x8001,
         reserved: [0; 3],
     };
-    let share = |lamp_slot: u32| StoredShare { lamp_slot, factor: 0.25 };
+    let share = |slot: u8| StoredShare::new(0, 0, slot, 0.25);
     let hit = |side: u32, at: u16| StoredHit { side, at: [at, 0] };
     ArraysBuilder::default()
         .with(&[head])

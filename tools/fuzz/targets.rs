@@ -227,7 +227,7 @@ fn read_links(bytes: &[u8]) -> bool {
             let (shares, hits) = view.entries(row);
             let is_there = |side: u32| (side as usize) < view.sides.len();
             assert!(
-                shares.iter().all(|s| is_there(s.lamp_slot >> 5)) && hits.iter().all(|h| is_there(h.side)),
+                shares.iter().all(|s| is_there(s.lamp() as u32)) && hits.iter().all(|h| is_there(h.side)),
                 "{row:?}"
             );
         });

@@ -71,6 +71,25 @@ impl SideLight {
         self.straighten(middle, to);
     }
 
+    /// Corners of smaller leaves that lie between two corners of a leaf's edge, in order: where along the edge, and the
+    /// light there, W/m2.
+    #[must_use]
+    pub fn between(&self, from: GridPoint, to: GridPoint) -> Vec<(GridPoint, f64, Rgb)> {
+        let mut found = Vec::new();
+        self.collect_between([(from, 0.0), (to, 1.0)], &mut found);
+        found
+    }
+
+    fn collect_between(&self, [from, to]: [(GridPoint, f64); 2], found: &mut Vec<(GridPoint, f64, Rgb)>) {
+        let middle = [0, 1].map(|i| (from.0[i] + to.0[i]) / 2);
+        let at = 0.5 * (from.1 + to.1);
+        if let Some(value) = self.corners.get(&middle).filter(|_| middle != from.0 && middle != to.0) {
+            self.collect_between([from, (middle, at)], found);
+            found.push((middle, at, *value));
+            self.collect_between([(middle, at), to], found);
+        }
+    }
+
     /// Values at a leaf's corners, W/m2, in the winding of the front.
     #[must_use]
     pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
