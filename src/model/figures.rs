@@ -39,9 +39,6 @@ pub struct Power {
     pub absorbed_w: [f64; 3],
     /// What leaves the model over escape links.
     pub escaped_w: [f64; 3],
-    /// What arrives at them; kept in no catalogue.
-    #[serde(skip)]
-    pub received_w: [f64; 3],
 }
 
 impl Power {
@@ -61,7 +58,6 @@ impl AddAssign for Power {
         add(&mut self.emitted_w, other.emitted_w);
         add(&mut self.absorbed_w, other.absorbed_w);
         add(&mut self.escaped_w, other.escaped_w);
-        add(&mut self.received_w, other.received_w);
     }
 }
 

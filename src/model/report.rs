@@ -76,6 +76,8 @@ pub struct TaskReport {
     pub q_max: f64,
     /// What the visit used.
     pub used: Resources,
+    /// What arrives at the group's sides, W.
+    pub received_w: [f64; 3],
 }
 
 /// More than any report takes: a damaged length asks for no memory.
@@ -107,7 +109,7 @@ mod tests {
         let report = TaskReport { work, used, complete: true, ..TaskReport::default() };
         let bytes = report.encode();
         assert_eq!(TaskReport::decode(&bytes).unwrap(), report);
-        assert_eq!(bytes[120..128], 7u64.to_le_bytes(), "where stores that exist have it");
+        assert_eq!(bytes[96..104], 7u64.to_le_bytes(), "where stores that exist have it");
         assert!(TaskReport::decode(&bytes[1..]).is_err());
     }
 }

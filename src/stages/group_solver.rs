@@ -307,7 +307,7 @@ impl GroupSolver<'_, '_> {
             let leaf = Node::at(view.id, &patches[usize::from(side.patch)], element.name);
             let area = element.area_m2 * sides.covering(side).shown_share(&leaf);
             add(&mut report.power.emitted_w, exitance * area);
-            add(&mut report.power.received_w, received * area);
+            add(&mut report.received_w, received * area);
             add(&mut report.power.absorbed_w, (Rgb::grey(1.0) - rho).times(received) * area);
             let row = member.above[at][Part::Indirect as usize];
             let escape = member.escapes.get(row as usize).copied().unwrap_or(0.0);

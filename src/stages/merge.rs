@@ -115,21 +115,21 @@ impl super::summary::Summary for Summary {
     }
 
     fn shortfall(&self) -> Option<Error> {
-        let message = match self.unmet? {
-            Unmet::Balance => format!(
-                "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
-                100.0 * self.figures?.energy_balance
+        let (message, help) = match self.unmet? {
+            Unmet::Balance => (
+                format!(
+                    "not converged: the light no longer changes, but {:.1} % of what is emitted is neither absorbed nor gone",
+                    100.0 * self.figures?.energy_balance
+                ),
+                "run again with a smaller `--tolerance`, or a finer `--quality`",
             ),
-            Unmet::Tolerance => format!(
-                "not converged: the estimated error of the stored light stays at {:.2} %, whatever is refined",
-                100.0 * self.estimated_nrms?
+            Unmet::Tolerance => (
+                format!(
+                    "not converged: the estimated error of the stored light stays at {:.2} %, whatever is refined",
+                    100.0 * self.estimated_nrms?
+                ),
+                "the light is stored and may be used; for what is asked, run with a larger `--tolerance`",
             ),
-        };
-        let help = match self.unmet? {
-            Unmet::Balance => "run again with a smaller `--tolerance`, or a finer `--quality`",
-            Unmet::Tolerance => {
-                "the light is stored and may be used; for what is asked, run with a larger `--tolerance`"
-            }
         };
         Some(Error::NotConverged { message, help: help.to_owned() })
     }
@@ -293,7 +293,9 @@ fn figures(
     let complete = reports.len() == tasks.len() && reports.iter().all(|r| r.complete);
     let mut iteration = IterationFigures::default();
     let mut error = ErrorSums::default();
+    let mut received_w = [0.0; 3];
     for report in &reports {
+        received_w = [0, 1, 2].map(|c| received_w[c] + report.received_w[c]);
         iteration.work += report.work;
         iteration.power += report.power;
         error.plus(&report.error);
@@ -303,7 +305,7 @@ fn figures(
     let markings = store.markings(tasks[0].branch)?.into_iter();
     let markings: Vec<_> = markings.map(|(estimate, entries)| Marking { estimate, entries }).collect();
     let has_stalled = steer::has_stalled(&markings);
-    let settling = Settling { residual, predicted_error, power: iteration.power, has_stalled };
+    let settling = Settling { residual, predicted_error, power: iteration.power, received_w, has_stalled };
     let of_rows = steer::of_rows(&iteration, store.facts()?.mean_reflectance);
     let steering = steer::steer(&error, &before, settling, (tolerance, of_rows));
     let converged = complete

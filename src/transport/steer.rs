@@ -25,6 +25,8 @@ pub struct Settling {
     pub predicted_error: f64,
     /// Where power goes.
     pub power: Power,
+    /// What arrives at all sides, W.
+    pub received_w: [f64; 3],
     /// Whether markings no longer help: [`has_stalled`].
     pub has_stalled: bool,
 }
@@ -80,7 +82,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
 /// What the next iteration multiplies gathers by. In a closed model all that leaves arrives; what rows miss of it is little,
 /// but goes round: light is off by that much over 1 - rho. Once light is still, what arrives is made as much as leaves.
 fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
-    let Power { emitted_w, absorbed_w, escaped_w, received_w } = settling.power;
+    let Power { emitted_w, absorbed_w, escaped_w } = settling.power;
+    let received_w = settling.received_w;
     let is_still = settling.predicted_error <= tolerance / STILL;
     if !is_still || settling.power.imbalance() <= ADDS_UP {
         return before;
@@ -217,9 +220,8 @@ mod tests {
             emitted_w: [1.0; 3],
             absorbed_w: [absorbed; 3],
             escaped_w: [escaped; 3],
-            received_w: [10.0; 3],
         };
-        let still = |power: Power| Settling { power, ..Settling::default() };
+        let still = |power: Power| Settling { power, received_w: [10.0; 3], ..Settling::default() };
         let gained = gain([1.0; 3], still(power(0.95, 0.0)), 0.02);
         assert!(gained.iter().all(|gain| (gain - 1.005).abs() < 1e-12), "{gained:?}");
         assert_eq!(gain(gained, still(power(0.9995, 0.0)), 0.02), gained, "it adds up");

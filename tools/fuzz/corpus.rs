@@ -99,13 +99,13 @@ pub fn links() -> Vec<u8> {
         open: 0x8001,
         reserved: [0; 3],
     };
-    let share = |slot: u8| StoredShare::new(0, 0, slot, 0.25);
+    let share = |lamp: u32, slot: u8| StoredShare::new(lamp, 0, slot, 0.25);
     let hit = |side: u32, at: u16| StoredHit { side, at: [at, 0] };
     ArraysBuilder::default()
         .with(&[head])
         .with(&[row(2, 0), row(4, 1)])
         .with(&[root(2), root(3), NodeName::ESCAPE.0])
-        .with(&[share(0), share(32 | 31)])
+        .with(&[share(0, 0), share(1, 31)])
         .with(&[hit(0, 0), hit(1, u16::MAX), hit(1, 7), hit(2, 0)])
         .finish()
 }
