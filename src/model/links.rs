@@ -47,8 +47,8 @@ pub struct RowHead {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct StoredShare {
-    /// See [`StoredShare::new`].
-    packed: u32,
+    /// Lamp, round and slot: see [`StoredShare::new`].
+    pub packed: u32,
     /// Irradiance at the place for an exitance of 1, were it the half's only ray from there.
     pub factor: f32,
 }

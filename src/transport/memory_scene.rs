@@ -99,6 +99,9 @@ const CAP: f64 = 10.0;
 /// Iterations after which a test has waited long enough.
 const MOST_ITERATIONS: u32 = 80;
 
+/// Rays in rows before which nobody believes what they say of themselves.
+const LEAST_RAYS: f64 = 2e5;
+
 /// Rays in rows after which it has, too.
 const MOST_RAYS: f64 = 4e6;
 
@@ -256,7 +259,10 @@ impl MemoryScene {
                 break;
             }
             let [lit, area] = last.error.lit;
-            let excess = last.most() - tolerance * tolerance;
+            // Few rays know little of themselves.
+            let knows_little = last.error.rays < LEAST_RAYS && last.most() > 0.0;
+            let aim = if knows_little { 0.5 * last.most() } else { tolerance * tolerance };
+            let excess = last.most() - aim;
             let is_settled = last.residual <= 0.5 * last.most().sqrt();
             if excess <= 0.0 && last.residual <= tolerance / 25.0 {
                 return last;

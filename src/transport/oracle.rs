@@ -116,9 +116,9 @@ impl Case {
 
     /// Adds the row to the sums of a task; `counts`: whether its error does.
     pub fn add_to(&self, sums: &mut ErrorSums, counts: bool) {
-        let Fit { structure, noise, .. } = self.fit;
+        let Fit { found, noise, .. } = self.fit;
         if counts {
-            sums.rough += self.weight_m2 * (structure.max(0.0) + noise);
+            sums.rough += self.weight_m2 * (found + noise);
         }
         sums.rays += f64::from(self.rounds) * ROUND;
         if let Some(offer) = self.offer() {

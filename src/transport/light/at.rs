@@ -118,6 +118,14 @@ fn mean_value_weights(corners: &[DVec3], point: DVec3) -> [f64; 4] {
     };
     for i in 0..n {
         let to = corners[i] - point;
+        let next = corners[(i + 1) % n] - point;
+        if to.cross(next).length() <= 1e-9 * to.length() * next.length() && to.dot(next) < 0.0 {
+            // On an edge.
+            let sum = to.length() + next.length();
+            weights = [0.0; 4];
+            (weights[i], weights[(i + 1) % n]) = (next.length() / sum, to.length() / sum);
+            return weights;
+        }
         if to.length() <= 1e-9 * scale {
             weights = [0.0; 4];
             weights[i] = 1.0;
@@ -190,7 +198,7 @@ mod tests {
     #[test]
     fn mean_value_weights_reproduce_the_point() {
         let c = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(2.0, 2.0, 0.0), DVec3::new(0.0, 1.0, 0.0)];
-        for p in [DVec3::new(1.0, 0.5, 0.0), DVec3::new(0.1, 0.1, 0.0), c[2]] {
+        for p in [DVec3::new(1.0, 0.5, 0.0), DVec3::new(0.1, 0.1, 0.0), c[2], DVec3::new(1.2, 0.0, 0.0)] {
             let w = mean_value_weights(&c, p);
             let back = (0..4).fold(DVec3::ZERO, |s, i| s + c[i] * w[i]);
             assert!((back - p).length() < 1e-9, "{back} for {p}");

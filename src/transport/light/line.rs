@@ -76,6 +76,12 @@ pub struct Design {
     open: u16,
 }
 
+/// Noise of a mean, relative to what the halves differ by at a place over the number of places.
+const OF_MEAN: f64 = 0.5;
+
+/// As how many more numbers that counts, beside what the halves' means differ by.
+const KNOWN: f64 = 4.0;
+
 /// Standard errors from which on structure counts as found.
 const FOUND: f64 = 1.5;
 
@@ -148,7 +154,10 @@ impl Design {
         }
         let freedom = (n - if all > 0.0 { 3.0 } else { 1.0 }).max(1.0);
         let turned_down = (1.0 - share).powi(2) * (all - by_noise).max(0.0);
-        let noise = (means[0] - means[1]).norm_squared() / 4.0 + share * share * by_noise;
+        // The halves' means are one number: small by luck, they would keep a row from ever being looked at again.
+        let of_mean = (means[0] - means[1]).norm_squared() / 4.0;
+        let of_mean = (of_mean + KNOWN * OF_MEAN * by_noise) / (1.0 + KNOWN);
+        let noise = of_mean + share * share * by_noise;
         let (structure, structure_error) = (products / freedom + turned_down, squares.sqrt() / freedom);
         let (bend, bend_error) = self.bend(halves);
         let stands_out = |x: f64, error: f64| if x > FOUND * error { x } else { 0.0 };

@@ -282,8 +282,8 @@ impl Aim {
     }
 }
 
-/// A place of a lamp by numbers in 0..1, drawn by what it brings, so that shadows count by what they take: one of the
-/// places in the cells of a grid whose points bring about alike. What is too large for that is cut into parts before.
+/// A place of a lamp by numbers in 0..1, drawn by what it brings, so that shadows count by what they take: in one of
+/// the cells of a grid whose points bring about alike. What is too large for that is cut into parts before.
 fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f64) -> DVec3 {
     let (mut part, mut rest) = (lamp.shape, choice);
     let (mut size, least_m2) = (part.radius() / part.centre().distance(from), 1e-9 * lamp.area_m2);
@@ -302,20 +302,40 @@ fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f
         return lamp.shape.centre();
     }
     let across = (size / ALIKE).ceil().clamp(1.0, MOST_CELLS as f64) as usize;
-    let place = |cell: usize| {
-        let [i, j] = [cell % across, cell / across];
-        part.even_point((i as f64 + u) / across as f64, (j as f64 + v) / across as f64)
-    };
     if across == 1 {
-        return place(0);
+        return part.even_point(u, v);
     }
-    let mut brings = [0.0; MOST_CELLS * MOST_CELLS];
-    for (cell, brings) in brings[..across * across].iter_mut().enumerate() {
-        let between = place(cell) - from;
-        let cosines = normal.dot(between).max(0.0) * (-lamp.normal.dot(between)).max(0.0);
-        *brings = cosines / between.length_squared().powi(2).max(f64::MIN_POSITIVE);
+    // What corners of the cells bring; in a cell it is taken for bilinear.
+    let place = |i: f64, j: f64| part.even_point(i / across as f64, j / across as f64);
+    let mut corners = [[0.0; MOST_CELLS + 1]; MOST_CELLS + 1];
+    for (j, row) in corners[..=across].iter_mut().enumerate() {
+        for (i, brings) in row[..=across].iter_mut().enumerate() {
+            let between = place(i as f64, j as f64) - from;
+            let cosines = normal.dot(between).max(0.0) * (-lamp.normal.dot(between)).max(0.0);
+            *brings = cosines / between.length_squared().powi(2).max(f64::MIN_POSITIVE);
+        }
     }
-    place(choose(&brings[..across * across], &mut rest).unwrap_or(0))
+    let mut cells = [0.0; MOST_CELLS * MOST_CELLS];
+    for (cell, brings) in cells[..across * across].iter_mut().enumerate() {
+        let (i, j) = (cell % across, cell / across);
+        *brings = corners[j][i] + corners[j][i + 1] + corners[j + 1][i] + corners[j + 1][i + 1];
+    }
+    let cell = choose(&cells[..across * across], &mut rest).unwrap_or(0);
+    let (i, j) = (cell % across, cell / across);
+    let [low, high] = [&corners[j], &corners[j + 1]];
+    let v = by_line(low[i] + low[i + 1], high[i] + high[i + 1], v);
+    let at = |k: usize| low[k] + (high[k] - low[k]) * v;
+    let u = by_line(at(i), at(i + 1), u);
+    place(i as f64 + u, j as f64 + v)
+}
+
+/// A number in 0..1 whose density goes from one value to another along a line, by an even one.
+fn by_line(from: f64, to: f64, number: f64) -> f64 {
+    let (sum, difference) = (from + to, to - from);
+    if difference.abs() <= 1e-6 * sum {
+        return number;
+    }
+    (((from * from + sum * difference * number).max(0.0).sqrt() - from) / difference).clamp(0.0, BELOW_ONE)
 }
 
 /// The index of one of several by what each brings and a number in 0..1, of which another is left; `None` if all bring

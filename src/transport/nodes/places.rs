@@ -35,7 +35,7 @@ const TRIES: u64 = 4;
 const LEVELS: u32 = 3;
 
 /// Rounds from which on the mean of a cell's places is its middle, near enough.
-const MANY: u16 = 4;
+const MANY: u16 = 16;
 
 impl<'a> Places<'a> {
     /// Of an element, for one part of its light. What covers its side is left out.
