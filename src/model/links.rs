@@ -125,9 +125,7 @@ impl<'a> LinksView<'a> {
             return Err("rows do not cover the entries".to_owned());
         }
         let sides = view.sides.len();
-        if view.shares.iter().any(|s| s.lamp() >= sides)
-            || view.hits.iter().any(|h| h.side as usize >= sides)
-        {
+        if view.shares.iter().any(|s| s.lamp() >= sides) || view.hits.iter().any(|h| h.side as usize >= sides) {
             return Err("an entry names a side that is not in the dictionary".to_owned());
         }
         Ok(view)

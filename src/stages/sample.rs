@@ -61,7 +61,8 @@ pub fn execute(
     let tolerance = store.options_of_branch(branch)?.map_or(DEFAULT_TOLERANCE, |options| options.tolerance);
     let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     with_scene(&set, |open| {
-        let (mut measured, mut stored) = (PointLight::new(&set, open.scene, tolerance), StoredLight::new(&set, HELD_BYTES));
+        let (mut measured, mut stored) =
+            (PointLight::new(&set, open.scene, tolerance), StoredLight::new(&set, HELD_BYTES));
         let mut light = |place: Place, point: DVec3| match options.is_stored {
             true => stored.irradiance(
                 ClusterId(place.key.cluster),

@@ -386,7 +386,12 @@ pub fn cast(
             for half in 0..2 {
                 let numbers = draws.draw(half, place, u32::from(round));
                 if let Some((lamp, factor)) = tree.reach(scene, &aim, (node, from), numbers, &mut cast.rays) {
-                    cast.shares.push(Share { lamp, slot: slot(place, half), round: round as u8, factor: factor as f32 });
+                    cast.shares.push(Share {
+                        lamp,
+                        slot: slot(place, half),
+                        round: round as u8,
+                        factor: factor as f32,
+                    });
                 }
             }
         }

@@ -46,7 +46,8 @@ impl<'a> Places<'a> {
         let alike = alike(&node.shape);
         let mut places = Self { shape: node.shape, alike, covering, seed, of_side, path, open: u16::MAX };
         if !covering.is_empty() {
-            places.open = (0..PLACES).filter(|cell| places.open_at(*cell, 0).is_some()).fold(0, |open, i| open | 1 << i);
+            places.open =
+                (0..PLACES).filter(|cell| places.open_at(*cell, 0).is_some()).fold(0, |open, i| open | 1 << i);
         }
         places
     }
