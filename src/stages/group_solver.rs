@@ -48,6 +48,8 @@ pub struct Settings {
     pub inner: Inner,
     /// From `--seed`.
     pub seed: u64,
+    /// What all lamps of the model emit, W (norm over RGB).
+    pub emitted_w: f64,
     /// What gathers are multiplied by.
     pub gain: [f32; 3],
     /// Whether light can come from everywhere; in the first iteration only lamps send.
@@ -241,7 +243,8 @@ impl GroupSolver<'_, '_> {
         let stored = Chain::of(self.set, id, None)?.rows()?;
         let (visible, found) = self.set.visible(id)?;
         let visible = if self.settings.is_dark { Vec::new() } else { visible };
-        let around = Around { lamps: LightTree::of_clusters(self.set, &visible)?, escapes: found.escape > 0.0 };
+        let (escapes, emitted_w) = (found.escape > 0.0, self.settings.emitted_w);
+        let around = Around { lamps: LightTree::of_clusters(self.set, &visible)?, escapes, emitted_w };
         refine::refine(&self.context(), *view, sides, &around, stored)
     }
 
@@ -336,7 +339,7 @@ impl GroupSolver<'_, '_> {
 
 /// Share of the rays in rows that places measured anew may cost while rows are marked, and else, when rows stay and
 /// iterations add up; at least so many places a group.
-const CHECKED: ([f64; 2], f64) = ([0.05, 0.0125], 16.0);
+const CHECKED: ([f64; 2], f64) = ([0.05, 0.0125], 64.0);
 
 impl GroupSolver<'_, '_> {
     /// Measures places of the group anew, more of them where more error is expected, and adds what their light is off.

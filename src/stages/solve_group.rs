@@ -9,7 +9,7 @@ use super::ray_scene::with_scene;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;
 use crate::base::text::shown;
-use crate::base::{ClusterId, Error, Progress, Result};
+use crate::base::{ClusterId, Error, Progress, Result, Rgb};
 use crate::model::ExtentKind;
 pub use crate::model::figures::Resources;
 use crate::model::figures::Work;
@@ -253,6 +253,7 @@ fn solve(
         min_element_m: shaping.min_element_m.unwrap_or(0.0),
         inner,
         seed: shaping.seed,
+        emitted_w: Rgb(plan.facts.emitted_w).norm_squared().sqrt(),
         gain: steering.gain.map(|gain| gain as f32),
         is_complete: base.iteration > 0,
         is_dark,

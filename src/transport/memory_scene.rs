@@ -169,7 +169,7 @@ impl MemoryScene {
                 progress: &Quiet,
             };
             let lamps = LightTree::of_clusters(self, &all).expect("memory does not fail");
-            let around = Around { lamps, escapes: false };
+            let around = Around { lamps, escapes: false, emitted_w: 0.0 };
             let sides: Vec<Sides> = self.stored.iter().map(|own| Sides::of(&own.view(), &context.scene)).collect();
             for ((own, sides), rows) in self.stored.iter().zip(&sides).zip(&mut rows) {
                 let view = own.view();

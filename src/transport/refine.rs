@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::base::{Error, NodeName, PatchSide, Progress, Result};
+use crate::base::{Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::rays::RayScene;
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
@@ -133,7 +133,12 @@ pub struct Around {
     pub lamps: LightTree,
     /// Whether rays leave the model.
     pub escapes: bool,
+    /// What all lamps of the model emit, W (norm over RGB).
+    pub emitted_w: f64,
 }
+
+/// Share of what the whole model emits from which on a side that emits is measured as finely as can be, and in quarters.
+const BRIGHT: f64 = 0.125;
 
 struct Refiner<'a, 'c> {
     context: &'a Context<'c>,
@@ -205,13 +210,31 @@ impl Refiner<'_, '_> {
         for (index, done) in done.into_iter().enumerate().filter(|(index, _)| view.takes_part(*index)) {
             let name = NodeName::root(self.view.id, PatchSide::from_index(index));
             for part in Part::ALL.into_iter().filter(|part| !done[*part as usize]) {
-                // How much of what a lamp sends leaves the model must be known well: all of it counts in the balance.
-                let is_open_lamp = part == Part::Indirect && self.around.escapes && view.emits(name);
-                self.measure(name, part, if is_open_lamp { MOST_ROUNDS } else { FIRST_ROUNDS })?;
+                let share = if part == Part::Indirect { self.share_of_open_lamp(index) } else { 0.0 };
+                if share > BRIGHT {
+                    self.mesh.split(index, &view.geometry.patches[index / 2]);
+                    for quarter in 0..4 {
+                        self.measure(name.child(quarter), part, MOST_ROUNDS)?;
+                        self.work_on((name.child(quarter), part))?;
+                    }
+                    continue;
+                }
+                let rounds = (share / BRIGHT * f64::from(MOST_ROUNDS)) as u16;
+                self.measure(name, part, rounds.max(FIRST_ROUNDS))?;
                 self.work_on((name, part))?;
             }
         }
         Ok(())
+    }
+
+    /// Share of what the whole model emits that a side does, if rays leave the model: how much of it goes must be known
+    /// well, since all of it counts in the balance.
+    fn share_of_open_lamp(&self, side: usize) -> f64 {
+        if !self.around.escapes || self.around.emitted_w <= 0.0 {
+            return 0.0;
+        }
+        let exitance = Rgb::from_f32(self.view.materials[side].exitance).norm_squared().sqrt();
+        exitance * self.mesh.elements[side].area_m2 / self.around.emitted_w
     }
 
     /// Measures a row of an element anew, or with more rounds than it has.

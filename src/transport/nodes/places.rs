@@ -57,9 +57,10 @@ impl<'a> Places<'a> {
         (0..PLACES).filter(|i| self.open & (1 << i) != 0)
     }
 
-    /// The child of a cell (of alike children) that a round looks at, the path of the cell extended by it.
-    fn step(&self, path: u64, digit: u64) -> u64 {
-        path << 2 | (digit ^ mix(self.of_side ^ mix(path))) & 3
+    /// The child of a cell (of alike children) that a round looks at, the path of the cell extended by it: each of every
+    /// four rounds another one, in an order of their own, so that where a ray begins tells nothing of where it goes.
+    fn step(&self, path: u64, round: u64) -> u64 {
+        path << 2 | (round ^ mix(self.of_side ^ mix(path ^ (round / 4) << 48))) & 3
     }
 
     /// Two numbers in 0..1 for a place of a cell of a grid over the whole element.
@@ -83,7 +84,7 @@ impl<'a> Places<'a> {
             return alike.point(&self.shape, alike.within(path, 2, alike.even(jitter)));
         }
         for level in 0..LEVELS {
-            path = self.step(path, round >> (2 * level) & 3);
+            path = self.step(path, round >> (2 * level));
         }
         alike.point(&self.shape, alike.within(path, 2 + LEVELS, alike.even(jitter)))
     }
@@ -140,7 +141,7 @@ impl<'a> Places<'a> {
         // Where a cell's ray of a round went: the child's cell.
         let cell_of = |cell: usize, round: u16| {
             let path = self.path << 4 | cell as u64;
-            (cell % 4) << 2 | (self.step(path, u64::from(round) & 3) & 3) as usize
+            (cell % 4) << 2 | (self.step(path, u64::from(round)) & 3) as usize
         };
         let cells = 4 * quarter as usize..4 * quarter as usize + 4;
         let found = match &row.found {
