@@ -166,7 +166,7 @@ const KEPT: (f64, f64) = (0.5, 0.9);
 const LEAST_OF_TOLERANCE: f64 = 0.5;
 
 /// Below this a correction is luck.
-const LEAST_CORRECTION: f64 = 0.05;
+const LEAST_CORRECTION: f64 = 0.5;
 
 /// Least excess that a marking aims at, in squared tolerances: what iterations cost is not worth less.
 const LEAST_EXCESS: f64 = 0.3;
