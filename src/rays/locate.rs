@@ -8,6 +8,7 @@ use super::node::Node;
 use super::scene::{PatchKey, RayScene};
 use super::traverse::{Face, PARALLEL, Rank, patch_normal};
 use crate::geom::bounds::Bounds;
+use crate::geom::polygon::Polygon;
 use crate::model::rays::RayPatch;
 
 /// A patch side that a point lies on.
@@ -44,34 +45,45 @@ fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
 }
 
 /// Faces that cover parts of a side.
-pub struct Covering(Vec<RayPatch>);
+#[derive(Clone)]
+pub struct Covering {
+    faces: Vec<RayPatch>,
+    /// How far off the side's plane they may lie.
+    off_m: f64,
+}
 
 impl Covering {
     /// Whether none does.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.faces.is_empty()
+    }
+
+    /// Those that may cover parts of an element of that side.
+    #[must_use]
+    pub fn over(&self, element: &Polygon) -> Self {
+        let bounds = Bounds::of(element.corners());
+        let around = Bounds { min: bounds.min - self.off_m, max: bounds.max + self.off_m };
+        let faces = self.faces.iter().filter(|face| around.meets(Bounds::of(&corners_of(face))));
+        Self { faces: faces.copied().collect(), ..*self }
     }
 
     /// Whether a place of that side lies under one of them.
     #[must_use]
     pub fn covers(&self, place: DVec3) -> bool {
-        self.0.iter().any(|p| distances(p, patch_normal(p), place).0 <= 0.0)
+        self.faces.iter().any(|p| distances(p, patch_normal(p), place).0 <= 0.0)
     }
 
     /// Share of an element of that side that is seen.
     #[must_use]
     pub fn shown_share(&self, element: &Node) -> f64 {
-        if self.0.is_empty() {
-            return 1.0;
-        }
-        let bounds = Bounds::of(element.shape.corners());
-        if !self.0.iter().any(|face| bounds.meets(Bounds::of(&corners_of(face)))) {
+        let over = self.over(&element.shape);
+        if over.is_empty() {
             return 1.0;
         }
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
         let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| (i, j)));
-        let shown = places.filter(|&(i, j)| !self.covers(element.shape.point(middle(i), middle(j)))).count();
+        let shown = places.filter(|&(i, j)| !over.covers(element.shape.point(middle(i), middle(j)))).count();
         shown as f64 / f64::from(PLACES * PLACES)
     }
 }
@@ -121,6 +133,6 @@ impl RayScene<'_> {
             }
             false
         });
-        Covering(covering.into_inner())
+        Covering { faces: covering.into_inner(), off_m: self.snap_m }
     }
 }

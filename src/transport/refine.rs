@@ -74,7 +74,7 @@ impl Sides {
 /// An element as a row of it is measured and fitted.
 pub struct Measured<'a> {
     node: Node,
-    places: Places<'a>,
+    places: Places,
     frame: &'a Frame,
     centroid: Plane,
 }

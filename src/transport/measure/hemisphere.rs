@@ -14,7 +14,7 @@ pub fn cast(
     scene: &RayScene<'_>,
     lights: &dyn Lights,
     node: &Node,
-    places: &Places<'_>,
+    places: &Places,
     draws: &Draws,
     rounds: std::ops::Range<u16>,
 ) -> Result<Vec<Hit>> {

@@ -371,7 +371,7 @@ pub fn cast(
     scene: &RayScene<'_>,
     tree: &LightTree,
     node: &Node,
-    places: &Places<'_>,
+    places: &Places,
     draws: &Draws,
     rounds: std::ops::Range<u16>,
 ) -> Cast {

@@ -15,10 +15,10 @@ use crate::transport::light::line::{Design, PLACES};
 use crate::transport::row::{Found, GONE, Part, Row, Share, slot};
 
 /// Places of an element: in every round another one in each cell.
-pub struct Places<'a> {
+pub struct Places {
     shape: Polygon,
     alike: Option<Alike>,
-    covering: &'a Covering,
+    covering: Covering,
     /// Of the element.
     seed: u64,
     /// Of its side, and where below it the element lies.
@@ -37,15 +37,15 @@ const LEVELS: u32 = 3;
 /// Rounds from which on the mean of a cell's places is its middle, near enough.
 const MANY: u16 = 16;
 
-impl<'a> Places<'a> {
+impl Places {
     /// Of an element, for one part of its light. What covers its side is left out.
     #[must_use]
-    pub fn of(node: &Node, part: Part, seed: u64, covering: &'a Covering) -> Self {
+    pub fn of(node: &Node, part: Part, seed: u64, covering: &Covering) -> Self {
         let of_side = mix(seed ^ mix((node.name.0 >> 29) << 1 ^ (part as u64) << 63));
         let (seed, path) = (seed_of(node, part, seed), u64::from(node.name.path()));
-        let alike = alike(&node.shape);
+        let (alike, covering) = (alike(&node.shape), covering.over(&node.shape));
         let mut places = Self { shape: node.shape, alike, covering, seed, of_side, path, open: u16::MAX };
-        if !covering.is_empty() {
+        if !places.covering.is_empty() {
             places.open =
                 (0..PLACES).filter(|cell| places.open_at(*cell, 0).is_some()).fold(0, |open, i| open | 1 << i);
         }
