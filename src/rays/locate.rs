@@ -45,7 +45,7 @@ fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
 }
 
 /// Faces that cover parts of a side.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Covering {
     faces: Vec<RayPatch>,
     /// How far off the side's plane they may lie.

@@ -277,12 +277,7 @@ impl Store {
                 contraction: r.get(3)?,
                 predicted_error: r.get(4)?,
                 iteration: IterationFigures {
-                    power: Power {
-                        emitted_w: triple(5)?,
-                        absorbed_w: triple(8)?,
-                        escaped_w: triple(11)?,
-                        ..Power::default()
-                    },
+                    power: Power { emitted_w: triple(5)?, absorbed_w: triple(8)?, escaped_w: triple(11)? },
                     energy_balance: r.get(14)?,
                     work: Work {
                         elements: r.get(15)?,

@@ -204,3 +204,71 @@ impl Draws {
         self.sequences[half].point(u64::from(round) * PLACES as u64 + u64::from(self.orders[half][place]))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{ClusterId, PatchSide};
+    use crate::geom::quadtree::child_at;
+    use crate::model::geometry::PatchRecord;
+    use crate::transport::row::Hit;
+    use bytemuck::Zeroable;
+
+    fn node(corners: &[[f32; 3]]) -> Node {
+        let mut patch = PatchRecord::zeroed();
+        patch.corners_m = std::array::from_fn(|i| corners[i.min(corners.len() - 1)]);
+        (patch.corner_count, patch.sides) = (corners.len() as u8, 3);
+        Node::root(ClusterId(0), &patch, PatchSide { patch: 0, side: 0 })
+    }
+
+    /// The cell of an element that holds a place.
+    fn cell_of(element: &Node, place: DVec3) -> usize {
+        let child = child_at(&element.shape, place);
+        (4 * child + child_at(&element.child(child).shape, place)) as usize
+    }
+
+    #[test]
+    fn four_rounds_of_an_element_are_one_of_each_of_its_children() {
+        let quad = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [4.0, 2.0, 0.0], [1.0, 2.0, 0.0]];
+        let triangle = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 2.0, 0.0]];
+        for corners in [&quad[..], &triangle[..]] {
+            let element = node(corners);
+            let places = Places::of(&element, Part::Indirect, 1, &Covering::default());
+            const ROUNDS: u16 = 16;
+            // Each hit says which it is.
+            let each = (0..ROUNDS).flat_map(|round| (0..2 * PLACES as u16).map(move |slot| [round, slot]));
+            let hits = each.clone().map(|at| Hit { side: element.name, at }).collect();
+            let share = |[round, slot]: [u16; 2]| Share {
+                lamp: element.name,
+                slot: slot as u8,
+                round: round as u8,
+                factor: f32::from(100 * round + slot),
+            };
+            for (part, found) in
+                [(Part::Indirect, Found::Hits(hits)), (Part::Direct, Found::Shares(each.map(share).collect()))]
+            {
+                let row = Row { element: element.name, part, rounds: ROUNDS, open: u16::MAX, found };
+                for quarter in 0..4 {
+                    let (child, of_child) = (element.child(quarter), places.of_child(&row, quarter));
+                    assert_eq!((of_child.element, of_child.rounds), (child.name, ROUNDS / 4));
+                    assert_eq!(of_child.len(), 2 * PLACES * usize::from(ROUNDS / 4));
+                    let seen: Vec<([u16; 2], usize, u16)> = match &of_child.found {
+                        Found::Hits(hits) => (hits.iter().enumerate())
+                            .map(|(i, hit)| (hit.at, i % (2 * PLACES), (i / (2 * PLACES)) as u16))
+                            .collect(),
+                        Found::Shares(shares) => (shares.iter())
+                            .map(|s| ([s.factor as u16 / 100, s.factor as u16 % 100], s.slot.into(), s.round.into()))
+                            .collect(),
+                    };
+                    for ([round, slot], to_slot, to_round) in seen {
+                        let place = places.at(usize::from(slot / 2), round);
+                        assert_eq!(cell_of(&element, place), usize::from(slot / 2));
+                        assert_eq!(child_at(&element.shape, place), quarter);
+                        assert_eq!(cell_of(&child, place), to_slot / 2, "round {round}, slot {slot}");
+                        assert_eq!((to_slot % 2, to_round), (usize::from(slot % 2), round / 4));
+                    }
+                }
+            }
+        }
+    }
+}
