@@ -148,70 +148,8 @@ fn is_sliced(shape: &Polygon) -> bool {
     !matches!(Cut::of(shape), Cut::Quarters | Cut::Corners)
 }
 
-/// Shapes whose children, and theirs, are alike and as large as each other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Alike {
-    /// Parallelograms cut at the middles of their edges.
-    Quarters,
-    /// Triangles cut at the middles of their edges.
-    Corners,
-}
-
-/// How the children of a shape are alike, if they are.
-#[must_use]
-pub fn alike(shape: &Polygon) -> Option<Alike> {
-    match Cut::of(shape) {
-        Cut::Quarters => (!shape.is_skew()).then_some(Alike::Quarters),
-        Cut::Corners => Some(Alike::Corners),
-        _ => None,
-    }
-}
-
-impl Alike {
-    /// Where a point of the descendant that a path of children leads to (two bits a level, the last lowest) lies in the
-    /// whole: two numbers in 0..1, for a parallelogram along its first and its last edge, for a triangle the weights of
-    /// its second and third corner. The point is given in the same way.
-    #[must_use]
-    pub fn within(self, path: u64, levels: u32, [mut x, mut y]: [f64; 2]) -> [f64; 2] {
-        for level in 0..levels {
-            let child = (path >> (2 * level)) & 3;
-            [x, y] = match (self, child) {
-                (Self::Quarters, 0) | (Self::Corners, 0) => [0.5 * x, 0.5 * y],
-                (Self::Quarters, 1) | (Self::Corners, 1) => [0.5 + 0.5 * x, 0.5 * y],
-                (Self::Quarters, 2) => [0.5 + 0.5 * x, 0.5 + 0.5 * y],
-                (Self::Quarters, _) | (Self::Corners, 2) => [0.5 * x, 0.5 + 0.5 * y],
-                (Self::Corners, _) => [0.5 - 0.5 * x, 0.5 - 0.5 * y],
-            };
-        }
-        [x, y]
-    }
-
-    /// A point of such a shape by those numbers.
-    #[must_use]
-    pub fn point(self, shape: &Polygon, [x, y]: [f64; 2]) -> DVec3 {
-        let c = shape.corners();
-        let last = c[c.len() - 1];
-        c[0] + (c[1] - c[0]) * x + (last - c[0]) * y
-    }
-
-    /// Numbers of a point by two that are even in 0..1.
-    #[must_use]
-    pub fn even(self, [u, v]: [f64; 2]) -> [f64; 2] {
-        if self == Self::Corners && u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] }
-    }
-
-    /// Numbers of the centroid.
-    #[must_use]
-    pub fn centroid(self) -> [f64; 2] {
-        match self {
-            Self::Quarters => [0.5; 2],
-            Self::Corners => [1.0 / 3.0; 2],
-        }
-    }
-}
-
 /// How a triangle or parallelogram is cut whose points are told by two numbers: of a parallelogram along its first and its
-/// last edge, of a triangle the weights of its second and third corner; in units of 2^-32.
+/// last edge, of a triangle the weights of its second and third corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum UnitCut {
@@ -242,7 +180,53 @@ impl UnitCut {
         }
     }
 
-    /// The child that a point lies in, and the point's numbers there.
+    /// The same where children, and theirs, are alike and as large as each other: no slices.
+    #[must_use]
+    pub fn alike(shape: &Polygon) -> Option<Self> {
+        Self::of(shape).filter(|cut| matches!(cut, Self::Quarters | Self::Corners))
+    }
+
+    /// Where a point of the descendant that a path of such children leads to (two bits a level, the last lowest) lies in the
+    /// whole: numbers in 0..1, as the point's own.
+    #[must_use]
+    pub fn within(self, path: u64, levels: u32, mut point: [f64; 2]) -> [f64; 2] {
+        for level in 0..levels {
+            let child = (path >> (2 * level)) & 3;
+            let [x, y] = point;
+            point = match (self, child) {
+                (Self::AlongFirst, _) => [0.25 * (child as f64 + x), y],
+                (Self::AlongLast, _) => [x, 0.25 * (child as f64 + y)],
+                (_, 0) => [0.5 * x, 0.5 * y],
+                (_, 1) => [0.5 + 0.5 * x, 0.5 * y],
+                (Self::Quarters, 2) => [0.5 + 0.5 * x, 0.5 + 0.5 * y],
+                (Self::Quarters, _) | (Self::Corners, 2) => [0.5 * x, 0.5 + 0.5 * y],
+                (Self::Corners, _) => [0.5 - 0.5 * x, 0.5 - 0.5 * y],
+            };
+        }
+        point
+    }
+
+    /// A point of such a shape by its numbers in 0..1.
+    #[must_use]
+    pub fn point(self, shape: &Polygon, [x, y]: [f64; 2]) -> DVec3 {
+        let c = shape.corners();
+        let last = c[c.len() - 1];
+        c[0] + (c[1] - c[0]) * x + (last - c[0]) * y
+    }
+
+    /// Numbers of a point by two that are even in 0..1.
+    #[must_use]
+    pub fn even(self, [u, v]: [f64; 2]) -> [f64; 2] {
+        if self == Self::Corners && u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] }
+    }
+
+    /// Numbers of the centroid.
+    #[must_use]
+    pub fn centroid(self) -> [f64; 2] {
+        if self == Self::Corners { [1.0 / 3.0; 2] } else { [0.5; 2] }
+    }
+
+    /// The child that a point lies in, and the point's numbers there; in units of 2^-32.
     #[inline(always)]
     #[must_use]
     pub fn child(self, [x, y]: [u32; 2]) -> (u32, [u32; 2]) {
@@ -375,6 +359,8 @@ mod tests {
                         assert_eq!(chosen, q, "{path:b} {shape:?}");
                         let middle = if part.corners().len() == 3 { 1.0 / 3.0 } else { 0.5 };
                         assert!([x, y].iter().all(|x| (f64::from(*x) / 2f64.powi(32) - middle).abs() < 1e-6));
+                        let back = cut.point(&shape, cut.within(u64::from(q), 1, [middle; 2]));
+                        assert!(back.distance(part.centroid()) < 1e-6, "{path:b} {shape:?}");
                     }
                     assert_eq!(child_at(&shape, part.centroid()), q, "{path:b} {shape:?}");
                     assert!((part.normal() - whole.normal()).length() < 1e-6);

@@ -58,6 +58,7 @@ impl StoredShare {
     /// plus the half.
     #[must_use]
     pub fn new(lamp: u32, round: u8, slot: u8, factor: f32) -> Self {
+        assert!((lamp as usize) < MOST_LAMPS, "a dictionary of {lamp} sides");
         Self { packed: lamp << 11 | u32::from(round & 63) << 5 | u32::from(slot & 31), factor }
     }
 

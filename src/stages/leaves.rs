@@ -48,15 +48,19 @@ pub fn lines_of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<(NodeName, Li
 /// The leaves of one patch side, in order of name; none for a side that takes no part.
 #[must_use]
 pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
+    of_lines(view, at, &lines_of_side(view, at))
+}
+
+fn of_lines(view: &ClusterView<'_>, at: PatchSide, lines: &[(NodeName, Line)]) -> Vec<Leaf> {
     let patch = &view.geometry.patches[usize::from(at.patch)];
     let material = &view.materials[at.index()];
     let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
-    let leaf = |(name, line): (NodeName, Line)| {
+    let leaf = |&(name, line): &(NodeName, Line)| {
         let shape = element_polygon(patch, name.path());
         let shape = if at.side == 0 { shape } else { shape.reversed() };
         Leaf { name, shape, radiosity: exitance + rho.times(line.mean), irradiance: line.mean }
     };
-    lines_of_side(view, at).into_iter().map(leaf).collect()
+    lines.iter().map(leaf).collect()
 }
 
 /// All sides of a cluster's patches, in order of name.
@@ -81,10 +85,11 @@ impl SideMesh {
     /// From its leaves; `None` if there are none.
     #[must_use]
     pub fn new(view: &ClusterView<'_>, at: PatchSide) -> Option<Self> {
-        let leaves = of_side(view, at);
+        let lines = lines_of_side(view, at);
+        let leaves = of_lines(view, at, &lines);
         let first = leaves.first()?;
         let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-        let light = SideLight::new(&view.geometry.patches[usize::from(at.patch)], &lines_of_side(view, at));
+        let light = SideLight::new(&view.geometry.patches[usize::from(at.patch)], &lines);
         let material = &view.materials[at.index()];
         let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
         let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();

@@ -6,7 +6,7 @@ use bytemuck::Pod;
 use crate::base::{ClusterId, NodeName, Result};
 use crate::model::ExtentKind;
 use crate::model::layout::{padding, table};
-use crate::model::links::{LinksHead, LinksView, MOST_LAMPS, RowHead, StoredHit, StoredShare, for_each_row};
+use crate::model::links::{LinksHead, LinksView, RowHead, StoredHit, StoredShare, for_each_row};
 use crate::store::{ExtentRef, SegmentWriter};
 use crate::transport::row::{Found, Hit, Part, Row, Share};
 
@@ -59,7 +59,6 @@ impl<'a> LinkExtent<'a> {
         }
         sides.sort_unstable();
         sides.dedup();
-        debug_assert!(sides.len() < MOST_LAMPS);
         if delta {
             let rows_now = |head: &RowHead| (head.element, head.part);
             let new: Vec<RowHead> = (gone.iter())

@@ -211,7 +211,8 @@ impl Refiner<'_, '_> {
             let name = NodeName::root(self.view.id, PatchSide::from_index(index));
             for part in Part::ALL.into_iter().filter(|part| !done[*part as usize]) {
                 let share = if part == Part::Indirect { self.share_of_open_lamp(index) } else { 0.0 };
-                if share > BRIGHT {
+                let whole = case(self.context, &view, &self.mesh, index, FIRST_ROUNDS, Fit::default());
+                if share > BRIGHT && whole.may_be_split() {
                     self.mesh.split(index, &view.geometry.patches[index / 2]);
                     for quarter in 0..4 {
                         self.measure(name.child(quarter), part, MOST_ROUNDS)?;
@@ -219,7 +220,7 @@ impl Refiner<'_, '_> {
                     }
                     continue;
                 }
-                let rounds = (share / BRIGHT * f64::from(MOST_ROUNDS)) as u16;
+                let rounds = ((share / BRIGHT).min(1.0) * f64::from(MOST_ROUNDS)) as u16;
                 self.measure(name, part, rounds.max(FIRST_ROUNDS))?;
                 self.work_on((name, part))?;
             }

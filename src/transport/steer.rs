@@ -5,8 +5,8 @@ use super::oracle;
 use crate::model::figures::{IterationFigures, Phase, Power, Steering};
 use crate::model::report::ErrorSums;
 
-/// A branch has converged when what is left is below this part of the tolerance. Sweeps over stored links are
-/// cheap, and where reflectance is high the rest is a bias of everything alike.
+/// A branch has converged when what is left is below this part of the tolerance: where reflectance is high the rest is a
+/// bias of everything alike.
 pub const STOP: f64 = 15.0;
 
 /// Share of the tolerance that rows may use up. What few of them have wrong together goes round, and no place tells: it

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::frame::{Frame, Plane};
 use crate::geom::polygon::Polygon;
-use crate::geom::quadtree::{Alike, alike};
+use crate::geom::quadtree::UnitCut;
 use crate::geom::sequence::{Sequence, mix, unit};
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
@@ -17,7 +17,7 @@ use crate::transport::row::{Found, GONE, Part, Row, Share, slot};
 /// Places of an element: in every round another one in each cell.
 pub struct Places {
     shape: Polygon,
-    alike: Option<Alike>,
+    alike: Option<UnitCut>,
     covering: Covering,
     /// Of the element.
     seed: u64,
@@ -43,7 +43,7 @@ impl Places {
     pub fn of(node: &Node, part: Part, seed: u64, covering: &Covering) -> Self {
         let of_side = mix(seed ^ mix((node.name.0 >> 29) << 1 ^ (part as u64) << 63));
         let (seed, path) = (seed_of(node, part, seed), u64::from(node.name.path()));
-        let (alike, covering) = (alike(&node.shape), covering.over(&node.shape));
+        let (alike, covering) = (UnitCut::alike(&node.shape), covering.over(&node.shape));
         let mut places = Self { shape: node.shape, alike, covering, seed, of_side, path, open: u16::MAX };
         if !places.covering.is_empty() {
             places.open =
