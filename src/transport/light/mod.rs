@@ -3,3 +3,4 @@
 pub mod at;
 pub mod line;
 pub mod lit;
+pub mod shrink;

@@ -111,7 +111,7 @@ impl Places {
     pub fn design(&self, rounds: u16, frame: &Frame, centroid: Plane) -> Design {
         let middles = std::array::from_fn(|cell| {
             let at = frame.plane(match self.alike {
-                Some(alike) if rounds >= MANY => {
+                Some(alike) if rounds.is_multiple_of(4) && rounds > 0 => {
                     alike.point(&self.shape, alike.within(cell as u64, 2, alike.centroid()))
                 }
                 Some(_) => {
