@@ -45,6 +45,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
     let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
     let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
+    // One place that is far off is all of the correction, and of its error: what the others know is worth casting for.
+    let surely = relative(error.rough * (correction - correction_error).max(LEAST_CORRECTION));
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
@@ -62,7 +64,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
             (Phase::Close, None)
         } else {
             // Where nothing is left to be done, that is it.
-            let aim = excess.max(LEAST_EXCESS * tolerance * tolerance);
+            let aim = (surely - tolerance * tolerance).max(LEAST_EXCESS * tolerance * tolerance);
             let threshold = oracle::threshold(&error.bins, aim * error.norm, error.rays);
             (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
         };

@@ -29,7 +29,7 @@ impl Check<'_> {
     /// What arrives at a place of a node's side, measured twice and independently. Counts rays.
     pub fn halves(&self, node: &Node, place: DVec3, seed: u64, rays: &mut u64) -> Result<[Rgb; 2]> {
         let mut halves = [Rgb::BLACK; 2];
-        let aim = self.lamps.aim(place, node.normal);
+        let aim = self.lamps.aim(&self.lamps.candidates(place, 0.0, node.normal), place, node.normal);
         for (half, sum) in halves.iter_mut().enumerate() {
             let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 1)));
             if let Some(aim) = &aim {

@@ -59,7 +59,7 @@ const SMALL: f64 = 0.1;
 /// Size of a lamp, in distances, above which rays to it are drawn by what each would bring.
 const LARGE: f64 = 0.5;
 
-/// Lamps and bundles that rays from a place are shared out among.
+/// Lamps and bundles that rays from a place are shared out among, but for those near by.
 const CANDIDATES: usize = 12;
 
 /// Size of a part of a lamp, in distances, below which its points bring about alike.
@@ -102,9 +102,15 @@ impl Bundle {
 
     /// What arrives at a point, roughly, if nothing stands in between, W/m2; 0 only where nothing can.
     fn expected(&self, from: DVec3, normal: DVec3) -> f64 {
+        self.expected_around(from, 0.0, normal)
+    }
+
+    /// The same of all points around one.
+    fn expected_around(&self, from: DVec3, around_m: f64, normal: DVec3) -> f64 {
         let between = self.centre - from;
-        let distance_m = between.length().max(self.radius_m);
-        let slack = self.radius_m / distance_m;
+        let radius_m = self.radius_m + around_m;
+        let distance_m = between.length().max(radius_m);
+        let slack = radius_m / distance_m;
         let cos_r = (normal.dot(between) / distance_m + slack).clamp(0.0, 1.0);
         let cos_s = (self.sends(-between / distance_m) + slack).clamp(0.0, 1.0);
         self.power_w * cos_r * cos_s / (std::f64::consts::PI * distance_m * distance_m)
@@ -164,31 +170,47 @@ impl LightTree {
         self.bundles[at] = Bundle::both(&self.bundles[children], &self.bundles[children + 1], children as u32);
     }
 
+    /// What rays from points of a plane, up to so far around one, are shared out among.
+    #[must_use]
+    pub fn candidates(&self, centre: DVec3, around_m: f64, normal: DVec3) -> Candidates {
+        let mut candidates = Vec::with_capacity(CANDIDATES);
+        let expected = |at: u32| self.bundles[at as usize].expected_around(centre, around_m, normal);
+        let mut open: Vec<(f64, u32)> = Vec::with_capacity(CANDIDATES);
+        if !self.is_empty() {
+            open.push((expected(0), 0));
+        }
+        while let Some((brings, at)) = open.pop() {
+            match self.bundles[at as usize].below {
+                _ if brings == 0.0 => {}
+                Below::Children(first) if candidates.len() + open.len() + 1 < CANDIDATES => {
+                    for child in [first, first + 1] {
+                        let brings = expected(child);
+                        // Those that bring most last: they are opened first.
+                        let place = open.partition_point(|(other, _)| *other <= brings);
+                        open.insert(place, (brings, child));
+                    }
+                }
+                Below::Children(_) | Below::Lamp(_) => candidates.push(at),
+            }
+        }
+        Candidates(candidates)
+    }
+
     /// How rays from a point are shared out; `None` if no lamp can be seen.
     #[must_use]
-    pub fn aim(&self, from: DVec3, normal: DVec3) -> Option<Aim> {
-        let mut aim = Aim { among: Vec::with_capacity(2 * CANDIDATES), sum: 0.0 };
-        let mut open: Vec<(f64, u32)> = Vec::with_capacity(CANDIDATES);
-        let root = self.bundles.first()?;
-        open.push((root.expected(from, normal), 0));
-        while let Some((expected, at)) = open.pop() {
-            let bundle = &self.bundles[at as usize];
-            match bundle.below {
-                _ if expected == 0.0 => {}
-                Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
-                Below::Children(_)
-                    if aim.among.len() + open.len() + 1 >= CANDIDATES
-                        && bundle.radius_m < LARGE * bundle.centre.distance(from) =>
-                {
-                    aim.add(expected, at);
-                }
-                Below::Children(first) => {
-                    for child in [first, first + 1] {
-                        let expected = self.bundles[child as usize].expected(from, normal);
-                        // Those that bring most last: they are opened first.
-                        let place = open.partition_point(|(e, _)| *e <= expected);
-                        open.insert(place, (expected, child));
+    pub fn aim(&self, candidates: &Candidates, from: DVec3, normal: DVec3) -> Option<Aim> {
+        let mut aim = Aim { among: Vec::with_capacity(CANDIDATES), sum: 0.0 };
+        let mut open = Vec::new();
+        for &candidate in &candidates.0 {
+            open.push(candidate);
+            while let Some(at) = open.pop() {
+                let bundle = &self.bundles[at as usize];
+                match bundle.below {
+                    Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
+                    Below::Children(first) if bundle.radius_m >= LARGE * bundle.centre.distance(from) => {
+                        open.extend([first, first + 1]);
                     }
+                    Below::Children(_) => aim.add(bundle.expected(from, normal), at),
                 }
             }
         }
@@ -266,7 +288,10 @@ impl LightTree {
 /// The largest number below 1.
 const BELOW_ONE: f64 = 1.0 - f64::EPSILON;
 
-/// Lamps and bundles that rays from a point are shared out among.
+/// Lamps and bundles that together stand for all.
+pub struct Candidates(Vec<u32>);
+
+/// Lamps and bundles that rays from a point are shared out among, by what each brings.
 pub struct Aim {
     /// What they bring, summed up, W/m2, each with its bundle.
     among: Vec<(f64, u32)>,
@@ -306,7 +331,15 @@ fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f
         return part.even_point(u, v);
     }
     // What corners of the cells bring; in a cell it is taken for bilinear.
-    let place = |i: f64, j: f64| part.even_point(i / across as f64, j / across as f64);
+    let step = 1.0 / across as f64;
+    let edges = match *part.corners() {
+        [origin, right, _, up] if !part.is_skew() => Some((origin, (right - origin) * step, (up - origin) * step)),
+        _ => None,
+    };
+    let place = |i: f64, j: f64| match edges {
+        Some((origin, right, up)) => origin + right * i + up * j,
+        None => part.even_point(i * step, j * step),
+    };
     let mut corners = [[0.0; MOST_CELLS + 1]; MOST_CELLS + 1];
     for (j, row) in corners[..=across].iter_mut().enumerate() {
         for (i, brings) in row[..=across].iter_mut().enumerate() {
@@ -379,10 +412,11 @@ pub fn cast(
     if tree.is_empty() {
         return cast;
     }
+    let candidates = tree.candidates(node.shape.centre(), node.shape.radius(), node.normal);
     for round in rounds {
         for place in places.each() {
             let from = places.at(place, round);
-            let Some(aim) = tree.aim(from, node.normal) else { continue };
+            let Some(aim) = tree.aim(&candidates, from, node.normal) else { continue };
             for half in 0..2 {
                 let numbers = draws.draw(half, place, u32::from(round));
                 if let Some((lamp, factor)) = tree.reach(scene, &aim, (node, from), numbers, &mut cast.rays) {

@@ -34,9 +34,6 @@ const TRIES: u64 = 4;
 /// Levels below a cell in which rounds are spread evenly.
 const LEVELS: u32 = 3;
 
-/// Rounds from which on the mean of a cell's places is its middle, near enough.
-const MANY: u16 = 16;
-
 impl Places {
     /// Of an element, for one part of its light. What covers its side is left out.
     #[must_use]
@@ -111,6 +108,7 @@ impl Places {
     pub fn design(&self, rounds: u16, frame: &Frame, centroid: Plane) -> Design {
         let middles = std::array::from_fn(|cell| {
             let at = frame.plane(match self.alike {
+                // Rounds that went through all quarters of a cell were in its middle on average, near enough.
                 Some(alike) if rounds.is_multiple_of(4) && rounds > 0 => {
                     alike.point(&self.shape, alike.within(cell as u64, 2, alike.centroid()))
                 }
