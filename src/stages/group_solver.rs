@@ -351,8 +351,9 @@ impl GroupSolver<'_, '_> {
         sides: &[Rc<Sides>],
         report: &mut TaskReport,
     ) -> Result<()> {
+        // Error that is expected at a leaf, then all up to it.
         let mut expected: Vec<(f64, usize, usize)> = Vec::new();
-        let mut sum = 0.0;
+        let (mut sum, mut area_m2) = (0.0, 0.0);
         for (index, member) in members.iter().enumerate() {
             let loaded = self.set.mapped(clusters[index])?;
             let view = loaded.view();
@@ -364,15 +365,19 @@ impl GroupSolver<'_, '_> {
                 let error: f64 = rows.map(|row| row.fit.structure.max(row.fit.found).max(0.0) + row.fit.noise).sum();
                 let bright = leaf.line.mean.norm_squared();
                 let counts = (self.settings.cap_w_m2.powi(2) / bright.max(f64::MIN_POSITIVE)).min(1.0);
-                let weight = leaf.area_m2 * counts * (error + FLOOR * bright);
-                if weight > 0.0 {
-                    sum += weight;
-                    expected.push((sum, index, at));
-                }
+                let error = leaf.area_m2 * counts * (error + FLOOR * bright);
+                (sum, area_m2) = (sum + error, area_m2 + leaf.area_m2);
+                expected.push((error, index, at));
             }
         }
-        if expected.is_empty() {
+        if sum <= 0.0 {
             return Ok(());
+        }
+        let anywhere = ANYWHERE * sum / area_m2;
+        sum = 0.0;
+        for (error, index, at) in &mut expected {
+            sum += *error + anywhere * members[*index].mesh.elements[*at].area_m2;
+            *error = sum;
         }
         let rays_of_place = 2.0 * (RAYS[0] + RAYS[1]) as f64;
         let share = CHECKED.0[usize::from(self.settings.threshold == f64::INFINITY)];
@@ -437,6 +442,9 @@ impl GroupSolver<'_, '_> {
 
 /// Squared error that is expected anywhere, relative to the light.
 const FLOOR: f64 = 1e-4;
+
+/// And relative to that of the group: where none is expected it must not count for so much when it is found.
+const ANYWHERE: f64 = 0.2;
 
 /// Rows of one cluster that are worth giving back at once.
 const MANY_LINKS_BYTES: usize = 4 << 20;

@@ -21,10 +21,10 @@ pub fn of_rows(figures: &IterationFigures, mean_reflectance: f64) -> f64 {
 pub struct Settling {
     /// By how much it changed.
     pub residual: f64,
-    /// Relative error left by stopping here.
-    pub predicted_error: f64,
     /// Where power goes.
     pub power: Power,
+    /// By how much its imbalance changed.
+    pub drift: f64,
     /// What arrives at all sides, W.
     pub received_w: [f64; 3],
     /// Whether markings no longer help: [`has_stalled`].
@@ -57,10 +57,11 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
         || settling.residual <= SETTLED * estimated_nrms.max(LEAST_OF_TOLERANCE * tolerance);
     let is_known = correction != 0.0 || error.norm == 0.0;
     let gain = gain(before.gain, settling, asked);
+    let is_done = excess <= 0.0 || settling.has_stalled;
     let (phase, threshold) =
-        if gain != before.gain || !is_settled || (excess <= 0.0 && before.phase == Phase::Mark) || !is_known {
+        if !is_settled || !is_known || (is_done && (before.phase == Phase::Mark || gain != before.gain)) {
             (Phase::Sweep, None)
-        } else if excess <= 0.0 || settling.has_stalled {
+        } else if is_done {
             (Phase::Close, None)
         } else {
             // Where nothing is left to be done, that is it.
@@ -82,12 +83,11 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
 }
 
 /// What the next iteration multiplies gathers by. In a closed model all that leaves arrives; what rows miss of it is little,
-/// but goes round: light is off by that much over 1 - rho. Once light is still, what arrives is made as much as leaves.
+/// but goes round: light is off by that much over 1 - rho. Once power is still, what arrives is made as much as leaves.
 fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     let Power { emitted_w, absorbed_w, escaped_w } = settling.power;
     let received_w = settling.received_w;
-    let is_still = settling.predicted_error <= tolerance / STILL;
-    if !is_still || settling.power.imbalance() <= ADDS_UP {
+    if settling.drift > tolerance / STILL || settling.power.imbalance() <= ADDS_UP {
         return before;
     }
     let after = std::array::from_fn(|c| {
@@ -99,8 +99,9 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance) { after } else { before }
 }
 
-/// What is left to change, in tolerances' parts, where light is still enough to see what it misses.
-const STILL: f64 = 8.0;
+/// What the imbalance still drifts in an iteration, in tolerances' parts, where one sees what light misses: rows that are
+/// made better meanwhile change little of it.
+const STILL: f64 = 16.0;
 
 /// Share of what is emitted that may leave a model that counts as closed.
 const CLOSED: f64 = 0.01;
@@ -171,7 +172,7 @@ const LEAST_OF_TOLERANCE: f64 = 0.5;
 const LEAST_CORRECTION: f64 = 0.5;
 
 /// Least excess that a marking aims at, in squared tolerances: what iterations cost is not worth less.
-const LEAST_EXCESS: f64 = 0.3;
+const LEAST_EXCESS: f64 = 0.15;
 
 /// Share of the estimated error below which what light still changes no longer hides what promises most.
 const SETTLED: f64 = 0.5;
@@ -182,7 +183,7 @@ mod tests {
 
     #[test]
     fn rows_are_marked_once_the_light_has_settled_and_until_the_estimate_with_its_doubt_meets_the_tolerance() {
-        let with_change = |residual: f64| Settling { residual, predicted_error: 0.1 * residual, ..Settling::default() };
+        let with_change = |residual: f64| Settling { residual, ..Settling::default() };
         // Rows know of an error of 5 % or 10 % of a norm of 2; places measured anew find `correction` times that squared.
         let with = |rough: f64, correction: f64, deviation: f64| {
             let checked = [rough * correction, (rough * deviation).powi(2)];
@@ -229,7 +230,7 @@ mod tests {
         assert_eq!(gain(gained, still(power(0.9995, 0.0)), 0.02), gained, "it adds up");
         assert_eq!(gain([1.0; 3], still(power(0.65, 0.3)), 0.02), [1.0; 3], "open");
         assert_eq!(gain([1.0; 3], still(power(0.8, 0.0)), 0.02), [1.0; 3], "wrong");
-        let moving = Settling { predicted_error: 0.01, ..still(power(0.95, 0.0)) };
+        let moving = Settling { drift: 0.01, ..still(power(0.95, 0.0)) };
         assert_eq!(gain([1.0; 3], moving, 0.02), [1.0; 3]);
     }
 
