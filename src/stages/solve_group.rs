@@ -226,6 +226,9 @@ fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &
     plan.options.memory.require(&what, needed, &format!(", or more than {} groups with `--groups`", plan.groups))
 }
 
+/// What is left to change within a group, relative to what the last iteration changed.
+const OF_OTHERS: f64 = 0.1;
+
 fn solve(
     plan: &Plan<'_>,
     (set, sides): (&WorkingSet<'_>, &SidesCache),
@@ -239,13 +242,17 @@ fn solve(
         .version(lease.base_version)?
         .ok_or_else(|| Error::damaged(store.dir(), format!("no version {}", lease.base_version)))?;
     let shaping = &options.settings.options;
+    let figures = store.version_figures(store.iteration_end_before(base.id)?)?;
     let inner = match shaping.inner {
         InnerOption::Gathers(count) => Inner::Gathers(count),
         InnerOption::Converge => {
-            Inner::Converge { tolerance: shaping.tolerance / 100.0, q: plan.facts.max_reflectance }
+            // Light of other groups has not settled either.
+            let residual = figures.as_ref().map_or(1.0, |f| f.residual);
+            let tolerance = (OF_OTHERS * residual).max(shaping.tolerance / 100.0);
+            Inner::Converge { tolerance, q: plan.facts.max_reflectance }
         }
     };
-    let steering = store.version_figures(store.iteration_end_before(base.id)?)?.map(|f| f.steering).unwrap_or_default();
+    let steering = figures.map(|f| f.steering).unwrap_or_default();
     let settings = |is_dark: bool| Settings {
         threshold: steering.threshold.unwrap_or(f64::INFINITY),
         cap_w_m2: if steering.lit_mean_w_m2 > 0.0 { CAP * steering.lit_mean_w_m2 } else { f64::INFINITY },

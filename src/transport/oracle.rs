@@ -143,8 +143,8 @@ fn rate_of(bin: i32) -> f64 {
 /// Share of the excess error that is promised in one marking; with more, rays are cast for what others mend.
 const MARKED: f64 = 0.4;
 
-/// Rays of one marking, relative to all that have been cast.
-const BUDGET: f64 = 0.5;
+/// Rays of one marking, relative to all that have been cast: no more, and no fewer, since an iteration costs as much.
+const BUDGET: std::ops::RangeInclusive<f64> = 0.1..=0.5;
 
 /// The rate from which on offers are taken, so that `excess` of the error goes; `None` if nothing is to be done.
 #[must_use]
@@ -154,13 +154,13 @@ pub fn threshold(bins: &[Bin], excess: f64, rays: f64) -> Option<f64> {
     }
     let (mut promised, mut cost, mut found) = (0.0, 0.0, None);
     for bin in bins.iter().rev() {
-        if found.is_some() && cost + bin.cost > BUDGET * rays {
+        if found.is_some() && cost + bin.cost > BUDGET.end() * rays {
             break;
         }
         promised += bin.promise;
         cost += bin.cost;
         found = Some(rate_of(bin.rate));
-        if promised >= MARKED * excess {
+        if promised >= excess || (promised >= MARKED * excess && cost >= BUDGET.start() * rays) {
             break;
         }
     }
@@ -175,7 +175,9 @@ mod tests {
     fn a_threshold_takes_what_promises_most_until_the_share_or_the_budget_is_used_up() {
         let bins: Vec<Bin> = (0..10).map(|i| Bin { rate: i, promise: 1.0, cost: 10.0 }).collect();
         assert_eq!(threshold(&bins, 0.0, 1e9), None);
-        assert_eq!(threshold(&bins, 10.0, 1e9), Some(rate_of(6)), "four of ten");
+        assert_eq!(threshold(&bins, 10.0, 400.0), Some(rate_of(6)), "four of ten");
+        assert_eq!(threshold(&bins, 10.0, 500.0), Some(rate_of(5)), "a tenth of what was cast");
+        assert_eq!(threshold(&bins, 2.0, 1e9), Some(rate_of(8)), "all of the excess");
         assert_eq!(threshold(&bins, 10.0, 40.0), Some(rate_of(8)), "half of what was cast");
         assert_eq!(threshold(&bins, 10.0, 1.0), Some(rate_of(9)), "something always");
         assert!(bin_of(rate_of(7) * 1.0001) == 7 && bin_of(rate_of(-7) * 1.0001) == -7);

@@ -45,8 +45,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
     let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
     let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
-    // One place that is far off is all of the correction, and of its error: what the others know is worth casting for.
-    let surely = relative(error.rough * (correction - correction_error).max(LEAST_CORRECTION));
+    let surely = relative(error.rough * surely([correction, correction_error]));
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
@@ -66,7 +65,9 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
         } else {
             // Where nothing is left to be done, that is it.
             let aim = (surely - tolerance * tolerance).max(LEAST_EXCESS * tolerance * tolerance);
-            let threshold = oracle::threshold(&error.bins, aim * error.norm, error.rays);
+            // Rows promise as they know of their error.
+            let of_rows = aim * error.norm / correction.max(LEAST_CORRECTION);
+            let threshold = oracle::threshold(&error.bins, of_rows, error.rays);
             (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
         };
     Steering {
@@ -112,10 +113,23 @@ const MOST_MISSED: f64 = 0.5;
 /// An iteration that made rows better.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marking {
-    /// The estimated error after it.
+    /// The estimated error after it, as far as it is sure.
     pub estimate: f64,
     /// Entries in all rows.
     pub entries: u64,
+}
+
+impl Marking {
+    /// Of an estimate and the correction in it with its error.
+    #[must_use]
+    pub fn of(estimate: f64, [correction, error]: [f64; 2], entries: u64) -> Self {
+        Self { estimate: estimate * (surely([correction, error]) / correction.max(LEAST_CORRECTION)).sqrt(), entries }
+    }
+}
+
+/// A correction that all places but one confirm: one that is far off is all of it, and of its error.
+fn surely([correction, error]: [f64; 2]) -> f64 {
+    (correction - error).max(LEAST_CORRECTION)
 }
 
 /// Markings, one after another, that must have made the estimate fall; where each does little, so many.

@@ -2,7 +2,7 @@
 //! noise (James and Stein; block shrinkage of wavelets).
 //!
 //! An element above rows has the line nearest to those of its four children: a quarter of their noise is left in it. What
-//! children add to it is half noise where smooth light has been divided.
+//! children add to it is mostly noise where smooth light has been divided.
 
 use super::line::Line;
 use crate::base::Rgb;
@@ -11,106 +11,113 @@ use crate::transport::nodes::mesh::{Element, Mesh};
 use crate::transport::row::Part;
 
 /// A line that is known up to noise.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Known {
     line: Line,
     /// Mean squared error, (W/m2)2.
     noise: f64,
 }
 
-/// Share of a line's noise that lies in what four of them add to the line nearest to all.
-const OF_DETAILS: f64 = 0.75;
-
 /// Lines of all rows of a part, by row; those of others as they are.
 #[must_use]
 pub fn lines(mesh: &Mesh, part: Part) -> Vec<Line> {
-    let mut lines: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
     let elements = &mesh.elements;
+    let mut lines: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
     let mut known: Vec<Option<Known>> = vec![None; elements.len()];
-    let mut of_row = vec![NONE; elements.len()];
+    let mut row_of = vec![NONE; elements.len()];
     for (index, row) in mesh.rows.iter().enumerate().filter(|(_, row)| row.part == part) {
         known[row.element as usize] = Some(Known { line: row.fit.line, noise: row.fit.noise });
-        of_row[row.element as usize] = index as u32;
+        row_of[row.element as usize] = index as u32;
     }
     for at in (0..elements.len()).rev() {
         if known[at].is_none() && !elements[at].is_leaf() {
             known[at] = nearest(elements, at, &known);
         }
     }
-    // From here on the line of an element is what is left of it.
-    let mut left: Vec<Line> = known.iter().map(|known| known.map_or(Line::default(), |known| known.line)).collect();
+    // From above: what is left of each line.
     for at in 0..elements.len() {
-        let (Some(above), true) = (&known[at], of_row[at] == NONE && !elements[at].is_leaf()) else {
-            if of_row[at] != NONE {
-                lines[of_row[at] as usize] = left[at];
-            }
+        let Some(Known { line, .. }) = known[at] else { continue };
+        if row_of[at] != NONE {
+            lines[row_of[at] as usize] = line;
             continue;
-        };
-        let children = elements[at].first_child as usize..elements[at].first_child as usize + 4;
-        let (mut size, mut noise) = (0.0, 0.0);
-        let details = children.clone().map(|child| {
-            let of = &known[child].expect("the element above has a line");
-            let to = offset(elements, at, child);
-            let before = above.line.about(to);
-            let mean = of.line.mean - before.mean;
-            let along = [0, 1].map(|k| of.line.along[k] - before.along[k]);
-            noise += 0.25 * of.noise;
-            Line { mean, along }
-        });
-        let details: Vec<Line> = details.collect();
-        let inner = spread(elements, at).map(|x| x / 3.0);
-        for detail in &details {
-            size += 0.25 * (detail.mean.norm_squared() + product(inner, &detail.along, &detail.along));
         }
-        let share = if size > OF_DETAILS * noise { 1.0 - OF_DETAILS * noise / size } else { 0.0 };
-        for (child, detail) in children.zip(&details) {
-            let base = left[at].about(offset(elements, at, child));
-            let scaled = Line { mean: detail.mean * share, along: detail.along.map(|along| along * share) };
-            left[child] = base.plus(&scaled);
+        let above = nearest(elements, at, &known).expect("it has a line").line;
+        let details = Details::of(elements, at, &above, &known);
+        for (child, detail) in children(elements, at).zip(details.lines) {
+            let base = line.about(offset(elements, at, child));
+            let along = detail.along.map(|along| along * details.share);
+            let left = base.plus(&Line { mean: detail.mean * details.share, along });
+            known[child] = known[child].map(|known| Known { line: left, ..known });
         }
     }
     lines
+}
+
+/// What the children of an element add to a line, and how much of that counts.
+struct Details {
+    lines: [Line; 4],
+    share: f64,
+}
+
+impl Details {
+    fn of(elements: &[Element], at: usize, above: &Line, known: &[Option<Known>]) -> Self {
+        let (mut size, mut noise) = (0.0, 0.0);
+        let first = elements[at].first_child as usize;
+        let lines = [0, 1, 2, 3].map(|quarter| {
+            let child = first + quarter;
+            let of = known[child].expect("the element above has a line");
+            let before = above.about(offset(elements, at, child));
+            let detail =
+                Line { mean: of.line.mean - before.mean, along: [0, 1].map(|k| of.line.along[k] - before.along[k]) };
+            let share = share_of(elements, at, child);
+            size += share * (detail.mean.norm_squared() + product(elements[child].moments, &detail.along));
+            noise += share * (1.0 - share) * of.noise;
+            detail
+        });
+        Self { lines, share: if size > noise { 1.0 - noise / size } else { 0.0 } }
+    }
+}
+
+fn children(elements: &[Element], at: usize) -> std::ops::Range<usize> {
+    let first = elements[at].first_child as usize;
+    first..first + 4
+}
+
+fn share_of(elements: &[Element], above: usize, child: usize) -> f64 {
+    elements[child].area_m2 / elements[above].area_m2
 }
 
 fn offset(elements: &[Element], from: usize, to: usize) -> [f64; 2] {
     [0, 1].map(|k| elements[to].centroid[k] - elements[from].centroid[k])
 }
 
-/// Mean products of the offsets of an element's four children: x x, x y, y y. Alike children are spread so, and their own
-/// points a third of it.
-fn spread(elements: &[Element], at: usize) -> [f64; 3] {
-    let first = elements[at].first_child as usize;
-    (first..first + 4).fold([0.0; 3], |sum, child| {
-        let [x, y] = offset(elements, at, child);
-        [sum[0] + 0.25 * x * x, sum[1] + 0.25 * x * y, sum[2] + 0.25 * y * y]
-    })
+/// Mean square of what slopes add over points with these moments.
+fn product([xx, xy, yy]: [f64; 3], [a, b]: &[Rgb; 2]) -> f64 {
+    xx * a.norm_squared() + 2.0 * xy * a.dot(*b) + yy * b.norm_squared()
 }
 
-fn product([xx, xy, yy]: [f64; 3], p: &[Rgb; 2], q: &[Rgb; 2]) -> f64 {
-    xx * p[0].dot(q[0]) + xy * (p[0].dot(q[1]) + p[1].dot(q[0])) + yy * p[1].dot(q[1])
-}
-
-/// The line nearest to those of an element's children; `None` where one has none, or they are slices.
+/// The line nearest to those of an element's children; `None` where one has none, or the element is no wider than a line.
 fn nearest(elements: &[Element], at: usize, known: &[Option<Known>]) -> Option<Known> {
-    let first = elements[at].first_child as usize;
-    let [xx, xy, yy] = spread(elements, at);
+    let [xx, xy, yy] = elements[at].moments;
     let determinant = xx * yy - xy * xy;
-    if determinant <= 1e-3 * xx * yy {
+    if determinant <= NARROW * (xx + yy).powi(2) {
         return None;
     }
     let (mut mean, mut noise) = (Rgb::BLACK, 0.0);
     let mut moments = [Rgb::BLACK; 2];
-    for child in first..first + 4 {
-        let of = known[child].as_ref()?;
+    for child in children(elements, at) {
+        let Known { line, noise: of_child } = known[child]?;
+        let share = share_of(elements, at, child);
         let [x, y] = offset(elements, at, child);
-        mean += of.line.mean * 0.25;
-        noise += 0.25 * of.noise;
-        let [a, b] = of.line.along;
-        moments[0] += (of.line.mean * x + (a * xx + b * xy) * (1.0 / 3.0)) * 0.25;
-        moments[1] += (of.line.mean * y + (a * xy + b * yy) * (1.0 / 3.0)) * 0.25;
+        let ([a, b], [xx, xy, yy]) = (line.along, elements[child].moments);
+        mean += line.mean * share;
+        noise += share * share * of_child;
+        moments[0] += (line.mean * x + a * xx + b * xy) * share;
+        moments[1] += (line.mean * y + a * xy + b * yy) * share;
     }
-    // All of the element's points: its children's offsets and what their points are spread around them.
-    let scale = 0.75 / determinant;
-    let along = [(moments[0] * yy - moments[1] * xy) * scale, (moments[1] * xx - moments[0] * xy) * scale];
-    Some(Known { line: Line { mean, along }, noise: (1.0 - OF_DETAILS) * noise })
+    let along = [moments[0] * yy - moments[1] * xy, moments[1] * xx - moments[0] * xy];
+    Some(Known { line: Line { mean, along: along.map(|along| along * (1.0 / determinant)) }, noise })
 }
+
+/// Least width of an element of two slopes, relative to its length and squared.
+const NARROW: f64 = 1e-4;

@@ -62,6 +62,29 @@ impl Frame {
         [0, 1].map(|i| (self.low[i] + self.size[i] * (f64::from(stored[i]) / STEPS)) as f32)
     }
 
+    /// Means over the points of an element of x x, x y and y y, relative to a place, m2.
+    #[must_use]
+    pub fn moments(&self, shape: &Polygon, about: Plane) -> [f64; 3] {
+        let corner = |corner: &DVec3| {
+            let [x, y] = self.plane(*corner);
+            [x - about[0], y - about[1]]
+        };
+        let (mut moments, mut whole) = ([0.0; 3], 0.0);
+        let [first, others @ ..] = shape.corners() else { return moments };
+        for pair in others.windows(2) {
+            // A triangle's own: a twelfth of the squares of its corners and of their sum.
+            let c = [corner(first), corner(&pair[0]), corner(&pair[1])];
+            let [a, b] = [1, 2].map(|i| [c[i][0] - c[0][0], c[i][1] - c[0][1]]);
+            let area = (a[0] * b[1] - a[1] * b[0]).abs();
+            let sum = [0, 1].map(|k| c[0][k] + c[1][k] + c[2][k]);
+            for (moment, (j, k)) in moments.iter_mut().zip([(0, 0), (0, 1), (1, 1)]) {
+                *moment += area * (c.iter().map(|c| c[j] * c[k]).sum::<f64>() + sum[j] * sum[k]) / 12.0;
+            }
+            whole += area;
+        }
+        if whole > 0.0 { moments.map(|moment| moment / whole) } else { moments }
+    }
+
     /// Corners of an element.
     #[must_use]
     pub fn corners(&self, shape: &Polygon) -> Vec<Plane> {

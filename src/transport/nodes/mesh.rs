@@ -8,6 +8,7 @@ use crate::geom::quadtree;
 use crate::model::geometry::{NONE, PatchRecord};
 use crate::model::light::{LightView, RowLight};
 use crate::transport::light::line::{Fit, Line};
+use crate::transport::light::shrink;
 use crate::transport::row::Part;
 
 /// An element of the arena.
@@ -23,6 +24,8 @@ pub struct Element {
     pub area_m2: f64,
     /// Centroid in its patch's frame, m.
     pub centroid: Plane,
+    /// Means over its points of x x, x y and y y, from the centroid, m2.
+    pub moments: [f64; 3],
     /// Irradiance; of an element with children the mean alone.
     pub line: Line,
 }
@@ -30,7 +33,8 @@ pub struct Element {
 impl Element {
     fn new(name: NodeName, parent: u32, shape: &Polygon, frame: &Frame) -> Self {
         let centroid = frame.plane(shape.centroid());
-        Self { name, first_child: NONE, parent, area_m2: shape.area(), centroid, line: Line::default() }
+        let moments = frame.moments(shape, centroid);
+        Self { name, first_child: NONE, parent, area_m2: shape.area(), centroid, moments, line: Line::default() }
     }
 
     /// Whether nothing lies below.
@@ -205,7 +209,7 @@ impl Mesh {
     /// Sets the light of all elements from their rows' lines: what a row says holds down to the leaves below, and means
     /// go up again, so that power is kept.
     pub fn push_pull(&mut self, above: &[[u32; 2]]) {
-        let lines = Part::ALL.map(|part| crate::transport::light::shrink::lines(self, part));
+        let lines = Part::ALL.map(|part| shrink::lines(self, part));
         for (at, of_parts) in above.iter().enumerate() {
             if !self.elements[at].is_leaf() {
                 continue;
