@@ -7,6 +7,7 @@ use std::time::Duration;
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::{Boundable, BvhBuildParams};
 
 use crate::geom::bounds::Bounds;
@@ -23,21 +24,44 @@ impl Boundable for Item {
 
 /// Hierarchy over boxes: nodes, and the order in which leaves run over the boxes.
 fn hierarchy(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<RayNode>, Vec<u32>) {
+    let (binary, order) = binary(boxes, per_leaf);
+    (collapsed(&binary), order)
+}
+
+/// Binary hierarchy over boxes.
+pub(super) fn binary(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<Bvh2Node>, Vec<u32>) {
     let items: Vec<Item> = boxes.map(|(min, max)| Item(Aabb::new(Vec3A::from(min), Vec3A::from(max)))).collect();
     if items.len() <= per_leaf as usize {
         let whole = items.iter().fold(Aabb::empty(), |a, b| a.union(&b.0));
-        let node = RayNode { min_m: whole.min.into(), first: 0, max_m: whole.max.into(), count: items.len() as u32 };
-        return (vec![node], (0..items.len() as u32).collect());
+        return (vec![Bvh2Node::new(whole, items.len() as u32, 0)], (0..items.len() as u32).collect());
     }
     let mut params = BvhBuildParams::medium_build();
     params.max_prims_per_leaf = per_leaf;
     let bvh = build_bvh2(&items, params, &mut Duration::default());
-    let nodes = bvh
-        .nodes
-        .iter()
-        .map(|n| RayNode { min_m: n.min.into(), first: n.first_index, max_m: n.max.into(), count: n.prim_count })
-        .collect();
-    (nodes, bvh.primitive_indices)
+    (bvh.nodes, bvh.primitive_indices)
+}
+
+/// Three levels of a binary hierarchy in each node.
+fn collapsed(binary: &[Bvh2Node]) -> Vec<RayNode> {
+    let mut nodes = vec![RayNode::EMPTY];
+    let mut waiting = vec![(0u32, 0)];
+    while let Some((top, into)) = waiting.pop() {
+        let mut within = vec![(top, 0, 8)];
+        while let Some((at, slot, slots)) = within.pop() {
+            let node = &binary[at as usize];
+            let (bounds_m, first, items) = ((node.min.into(), node.max.into()), node.first_index, node.prim_count);
+            if items > 0 {
+                nodes[into] = nodes[into].with(slot, bounds_m, first, items);
+            } else if slots > 1 {
+                within.extend([(first, slot, slots / 2), (first + 1, slot + slots / 2, slots / 2)]);
+            } else {
+                nodes[into] = nodes[into].with(slot, bounds_m, nodes.len() as u32, 0);
+                waiting.push((at, nodes.len()));
+                nodes.push(RayNode::EMPTY);
+            }
+        }
+    }
+    nodes
 }
 
 /// A face that is one patch, of that number in its cluster.
