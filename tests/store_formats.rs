@@ -15,8 +15,8 @@ use clerestory::model::links::LinksView;
 use clerestory::store::{Snapshot, Store};
 use common::{assert_sound, clerestory, finish, write_rooms};
 
-const TODAYS: &str = "old_stores/format_5";
-const OLDER: [u32; 4] = [1, 2, 3, 4];
+const TODAYS: &str = "old_stores/format_6";
+const OLDER: [u32; 5] = [1, 2, 3, 4, 5];
 
 /// A copy of a committed store: opening one makes files beside its catalogue.
 fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {

@@ -14,6 +14,11 @@ use crate::geom::bounds::Bounds;
 use crate::model::geometry::PatchRecord;
 use crate::model::rays::{ClusterRef, RayNode, RayPatch, WHOLE};
 
+/// Most faces of a leaf: as many as rays look at in one go.
+pub(super) const FACES_A_LEAF: u32 = 4;
+/// Most clusters of a leaf of the top level.
+pub(super) const CLUSTERS_A_LEAF: u32 = 2;
+
 struct Item(Aabb);
 
 impl Boundable for Item {
@@ -83,7 +88,7 @@ pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
         let b = Bounds::of(&face.corners_m.map(|c| DVec3::from_array(c.map(f64::from))));
         (b.min.as_vec3().to_array(), b.max.as_vec3().to_array())
     });
-    let (nodes, order) = hierarchy(boxes, 4);
+    let (nodes, order) = hierarchy(boxes, FACES_A_LEAF);
     (nodes, order.iter().map(|&i| faces[i as usize]).collect())
 }
 
@@ -91,6 +96,6 @@ pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
 /// clusters (about 150 bytes each), the one thing in a store's making that does.
 #[must_use]
 pub fn top(clusters: &[(ClusterRef, [f32; 3], [f32; 3])]) -> (Vec<RayNode>, Vec<ClusterRef>) {
-    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)), 2);
+    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)), CLUSTERS_A_LEAF);
     (nodes, order.iter().map(|&i| clusters[i as usize].0).collect())
 }

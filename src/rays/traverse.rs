@@ -4,6 +4,11 @@
 //! the edge mirrors exactly, and counts zero as inside: a ray through a shared edge meets at least
 //! one of the two. Where faces coincide, a ray meets the one that fronts it: see [`Rank`].
 
+#[cfg(test)]
+mod reference;
+#[cfg(test)]
+mod tests;
+
 use glam::DVec3;
 
 use super::lanes::{Cast, Lanes, cast};

@@ -45,29 +45,20 @@ impl Ray {
 
     /// As the boxes of a cluster see it: in a wide model those far off cost the others nothing.
     #[inline(always)]
-    fn within(&self, nodes: &[RayNode]) -> BoxRay {
+    fn within<'r>(&'r self, nodes: &[RayNode], room: &'r mut BoxRay) -> &'r BoxRay {
         if !self.is_wide {
-            return self.boxes;
+            return &self.boxes;
         }
         let inverse = DVec3::from_array(self.boxes.inverse.map(f64::from));
-        BoxRay { padding: padding(inverse, self.face.from, nodes[0].largest_m()), ..self.boxes }
-    }
-
-    /// Distance to the plane of a triangle of a face, where the ray crosses that.
-    #[inline(always)]
-    fn distance(&self, face: &RayPatch, corners: [usize; 3]) -> Option<f64> {
-        let [a, b, c] = corners.map(|i| self.face.corner(face, i));
-        let normal = (b - a).cross(c - a);
-        let speed = normal.dot(self.face.along);
-        (speed != 0.0).then(|| normal.dot(a) / speed)
+        room.padding = padding(inverse, self.face.from, nodes[0].largest_m());
+        room
     }
 }
 
-/// A child still to visit.
+/// A child still to visit: its node and slot, and where the ray enters it.
 #[derive(Clone, Copy, Default)]
 struct Waiting {
-    first: u32,
-    items: u32,
+    place: u32,
     near: f32,
 }
 
@@ -95,13 +86,20 @@ impl Stack {
         self.count += 1;
     }
 
+    /// The nearest that begins before `limit`, while there are more than `floor`.
     #[inline(always)]
-    fn pop(&mut self) -> Waiting {
-        self.count -= 1;
-        match self.few.get(self.count) {
-            Some(waiting) => *waiting,
-            None => self.more.pop().unwrap_or_default(),
+    fn pop(&mut self, floor: usize, limit: f32) -> Option<Waiting> {
+        while self.count > floor {
+            self.count -= 1;
+            let waiting = match self.few.get(self.count) {
+                Some(waiting) => *waiting,
+                None => self.more.pop()?,
+            };
+            if waiting.near <= limit {
+                return Some(waiting);
+            }
         }
+        None
     }
 }
 
@@ -124,6 +122,17 @@ const ORDERS: [u32; 128] = {
 };
 
 impl Swaps {
+    /// Bits of slots as bits of their places in the order.
+    #[inline(always)]
+    fn places(&self, slots: u32) -> u32 {
+        let swapped = |bits: u32, step: u32, which: u32| {
+            let differ = (bits ^ bits >> step) & which;
+            bits ^ differ ^ differ << step
+        };
+        let pairs = swapped(slots, 1, self.pairs & 0x55);
+        swapped(swapped(pairs, 2, self.fours & 0x11 | (self.fours & 0x11) << 1), 4, 0xf * (self.eight & 1))
+    }
+
     #[inline(always)]
     fn index(&self) -> usize {
         let (pairs, fours) = (self.pairs, self.fours);
@@ -144,46 +153,38 @@ fn walk<L: Lanes, const ORDERED: bool>(
     mut leaf: impl FnMut(std::ops::Range<usize>, &mut Stack, &mut f64) -> bool,
 ) -> bool {
     let floor = stack.count;
-    let mut node = &nodes[0];
+    let mut at = 0;
     loop {
-        let (entered, swaps) = lanes.entered(node, ray, rounded_up(*limit));
-        let mut push = |slot: usize| {
-            let (first, items, near) = (node.first[slot], node.items[slot], entered.near[slot]);
-            stack.push(Waiting { first, items, near });
+        let (entered, swaps) = lanes.entered(&nodes[at as usize], ray, rounded_up(*limit));
+        let (mut places, order) = match swaps {
+            Some(swaps) if ORDERED => (swaps.places(entered.slots), ORDERS[swaps.index()]),
+            _ => (entered.slots, ORDERS[0]),
         };
-        match swaps {
-            Some(swaps) if ORDERED => {
-                let order = ORDERS[swaps.index()];
-                for place in (0..8).rev() {
-                    let slot = order >> (4 * place) & 7;
-                    if entered.slots >> slot & 1 == 1 {
-                        push(slot as usize);
-                    }
-                }
-            }
-            _ => {
-                let mut slots = entered.slots;
-                while slots != 0 {
-                    push(slots.trailing_zeros() as usize & 7);
-                    slots &= slots - 1;
-                }
+        let mut next = None;
+        while places != 0 {
+            let place = places.ilog2();
+            places ^= 1 << place;
+            let slot = order >> (4 * place) & 7;
+            let child = Waiting { place: at << 3 | slot, near: entered.near[slot as usize] };
+            if places == 0 {
+                next = Some(child);
+            } else {
+                stack.push(child);
             }
         }
-        node = loop {
-            if stack.count == floor {
+        at = loop {
+            let Some(Waiting { place, .. }) = next.take().or_else(|| stack.pop(floor, rounded_up(*limit))) else {
                 return false;
-            }
-            let Waiting { first, items, near } = stack.pop();
-            if near > rounded_up(*limit) {
-                continue;
-            }
+            };
+            let (node, slot) = (&nodes[place as usize >> 3], place as usize & 7);
+            let (first, items) = (node.first[slot], node.items[slot]);
             if items > 0 {
                 if leaf(first as usize..(first + items) as usize, stack, limit) {
                     return true;
                 }
             } else if first > 0 {
                 // An empty slot leads to the root.
-                break &nodes[first as usize];
+                break first;
             }
         };
     }
@@ -200,25 +201,20 @@ impl<'a> RayScene<'a> {
         (low, mut limit): (f64, f64),
         mut met: impl FnMut(&Structure<'a>, &'a RayPatch, f64, &mut f64) -> bool,
     ) {
-        let mut stack = Stack::new();
+        let (mut stack, mut room) = (Stack::new(), ray.boxes);
         walk::<L, ORDERED>(lanes, self.top.nodes, &ray.boxes, &mut stack, &mut limit, |places, stack, limit| {
             for place in places {
                 let Some(of) = self.cluster_at(place) else { continue };
-                let boxes = ray.within(of.nodes);
-                let stops = walk::<L, ORDERED>(lanes, of.nodes, &boxes, stack, limit, |faces, _, limit| {
+                let boxes = ray.within(of.nodes, &mut room);
+                let stops = walk::<L, ORDERED>(lanes, of.nodes, boxes, stack, limit, |faces, _, limit| {
                     for faces in of.faces[faces].chunks(AT_ONCE) {
                         let crossed = lanes.crossed(faces, &ray.face);
-                        let mut left = (crossed | crossed >> AT_ONCE) & 0xf;
+                        let mut left = crossed.faces;
                         while left != 0 {
-                            let at = left.trailing_zeros();
+                            let at = left.trailing_zeros() as usize & 3;
                             left &= left - 1;
-                            let face = &faces[at as usize];
-                            let corners = if crossed >> at & 1 == 1 { [0, 1, 2] } else { [0, 2, 3] };
-                            if let Some(t) = ray.distance(face, corners)
-                                && t >= low
-                                && t <= *limit
-                                && met(&of, face, t, limit)
-                            {
+                            let t = crossed.at[at];
+                            if t >= low && t <= *limit && met(&of, &faces[at], t, limit) {
                                 return true;
                             }
                         }
