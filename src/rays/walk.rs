@@ -202,30 +202,33 @@ impl<'a> RayScene<'a> {
         mut met: impl FnMut(&Structure<'a>, &'a RayPatch, f64, &mut f64) -> bool,
     ) {
         let (mut stack, mut room) = (Stack::new(), ray.boxes);
-        walk::<L, ORDERED>(lanes, self.top.nodes, &ray.boxes, &mut stack, &mut limit, |places, stack, limit| {
-            for place in places {
-                let Some(of) = self.cluster_at(place) else { continue };
-                let boxes = ray.within(of.nodes, &mut room);
-                let stops = walk::<L, ORDERED>(lanes, of.nodes, boxes, stack, limit, |faces, _, limit| {
-                    for faces in of.faces[faces].chunks(AT_ONCE) {
-                        let crossed = lanes.crossed(faces, &ray.face);
-                        let mut left = crossed.faces;
-                        while left != 0 {
-                            let at = left.trailing_zeros() as usize & 3;
-                            left &= left - 1;
-                            let t = crossed.at[at];
-                            if t >= low && t <= *limit && met(&of, &faces[at], t, limit) {
-                                return true;
-                            }
-                        }
+        let mut test = |of: &Structure<'a>, faces: &'a [RayPatch], limit: &mut f64| {
+            for faces in faces.chunks(AT_ONCE) {
+                let crossed = lanes.crossed(faces, &ray.face);
+                let mut left = crossed.faces;
+                while left != 0 {
+                    let at = left.trailing_zeros() as usize & 3;
+                    left &= left - 1;
+                    let t = crossed.at[at];
+                    if t >= low && t <= *limit && met(of, &faces[at], t, limit) {
+                        return true;
                     }
-                    false
-                });
-                if stops {
-                    return true;
                 }
             }
             false
+        };
+        walk::<L, ORDERED>(lanes, self.top.nodes, &ray.boxes, &mut stack, &mut limit, |mut places, stack, limit| {
+            places.any(|place| {
+                let Some(of) = self.cluster_at(place) else { return false };
+                if of.faces.len() <= AT_ONCE {
+                    // One look at all of them costs less than one at their boxes.
+                    return test(&of, of.faces, limit);
+                }
+                let boxes = ray.within(of.nodes, &mut room);
+                walk::<L, ORDERED>(lanes, of.nodes, boxes, stack, limit, |faces, _, limit| {
+                    test(&of, &of.faces[faces], limit)
+                })
+            })
         });
     }
 }
