@@ -173,18 +173,18 @@ impl FaceRay {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx2 {
+mod avx2 {
     use std::arch::x86_64::*;
 
     use super::{AT_ONCE, BoxRay, Cast, Crossed, DVec3, Entered, FaceRay, Lanes, RayNode, RayPatch, Swaps};
 
     /// Made by [`cast`] alone, which needs AVX2.
     #[derive(Clone, Copy)]
-    pub(in super::super) struct Avx2(());
+    pub(super) struct Avx2(());
 
     /// Compiles all that casts for AVX2.
     #[target_feature(enable = "avx2")]
-    pub(in super::super) fn cast<C: Cast>(what: C) -> C::Answer {
+    pub(super) fn cast<C: Cast>(what: C) -> C::Answer {
         what.cast(Avx2(()))
     }
 
