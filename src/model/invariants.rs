@@ -280,7 +280,7 @@ mod tests {
 
     /// A face of cluster 7 named by `patch`, in two parts.
     fn face_named(patch: u32, parts: [u32; 2]) -> Result<(), String> {
-        let node = RayNode { min_m: [0.0; 3], first: 0, max_m: [1.0; 3], count: 1 };
+        let node = RayNode::EMPTY.with(0, ([0.0; 3], [1.0; 3]), 0, 1);
         let face = RayPatch { corners_m: [[0.0; 3]; 4], patch, corner_count: 4, area_m2: 1.0, cut: 0 };
         let cut = FaceCut { first_node: 0, nodes: 1, first_part: 0, parts: 2 };
         let line = CutNode { line: [1.0, 0.0, 0.0], children: [CutNode::PART, CutNode::PART | 1] };

@@ -14,18 +14,61 @@ use super::layout::ArraysBuilder;
 /// "Cluster" number of the top extent.
 pub const TOP: u32 = u32::MAX;
 
-/// A node: an inner one (`count` 0) has children `first` and `first + 1`.
+/// A node: eight slots for children, which are three levels of a binary tree: slots 0 to 3 are its one half, 4 to 7
+/// the other, and so on down. A leaf further up takes the first slot of its half.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayNode {
-    /// Smallest corner, m from the store's origin.
-    pub min_m: [f32; 3],
-    /// First child, or first item of a leaf.
-    pub first: u32,
-    /// Largest corner.
-    pub max_m: [f32; 3],
-    /// Items of a leaf, 0 for an inner node.
-    pub count: u32,
+    /// By axis, the children's least coordinates, then their greatest, m from the store's origin.
+    pub planes_m: [[[f32; 8]; 2]; 3],
+    /// First item of a leaf, node of an inner child; 0 in an empty slot.
+    pub first: [u32; 8],
+    /// Items of a leaf, else 0.
+    pub items: [u32; 8],
+}
+
+impl RayNode {
+    /// Empty slots, which no ray enters.
+    pub const EMPTY: Self =
+        Self { planes_m: [[[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]]; 3], first: [0; 8], items: [0; 8] };
+
+    /// With a child in a slot.
+    #[must_use]
+    pub fn with(mut self, slot: usize, (min_m, max_m): ([f32; 3], [f32; 3]), first: u32, items: u32) -> Self {
+        for (axis, planes) in self.planes_m.iter_mut().enumerate() {
+            (planes[0][slot], planes[1][slot]) = (min_m[axis], max_m[axis]);
+        }
+        (self.first[slot], self.items[slot]) = (first, items);
+        self
+    }
+
+    /// Slots that hold a child.
+    pub fn used(&self) -> impl Iterator<Item = usize> {
+        (0..8).filter(|&slot| self.items[slot] > 0 || self.first[slot] > 0)
+    }
+
+    /// The box round a child: its smallest and its largest corner.
+    #[must_use]
+    pub fn bounds_m(&self, slot: usize) -> ([f32; 3], [f32; 3]) {
+        (self.planes_m.map(|planes| planes[0][slot]), self.planes_m.map(|planes| planes[1][slot]))
+    }
+
+    /// The box round all children.
+    #[must_use]
+    pub fn whole_m(&self) -> ([f32; 3], [f32; 3]) {
+        let [mins, maxs] = [0, 1].map(|of| self.planes_m.map(|planes| planes[of]));
+        (
+            mins.map(|of| of.into_iter().fold(f32::INFINITY, f32::min)),
+            maxs.map(|of| of.into_iter().fold(f32::NEG_INFINITY, f32::max)),
+        )
+    }
+
+    /// The largest coordinate of all children, without its sign.
+    #[must_use]
+    pub fn largest_m(&self) -> f32 {
+        let (min_m, max_m) = self.whole_m();
+        min_m.into_iter().chain(max_m).map(f32::abs).fold(0.0, f32::max)
+    }
 }
 
 /// A face as rays meet it: a triangle, or a quad as its triangles 0 1 2 and 0 2 3.
@@ -181,26 +224,28 @@ impl<'a> TopRaysView<'a> {
     }
 }
 
-/// Deepest that a hierarchy may be: a traversal's stack holds as many nodes. obvhs keeps its trees below 96.
-pub const DEEPEST: usize = 126;
-
 /// Whether every node refers to what is there, among so many items, and a walk from the root ends; what is
 /// wrong otherwise.
 pub fn hierarchy(nodes: &[RayNode], items: usize) -> Result<(), String> {
-    let mut waiting = vec![(0usize, 0usize)];
+    let mut waiting = vec![0];
     let mut visited = 0;
-    while let Some((at, depth)) = waiting.pop() {
-        let node = nodes.get(at).ok_or_else(|| format!("there is no ray node {at}"))?;
+    while let Some(at) = waiting.pop() {
+        let node: &RayNode = nodes.get(at as usize).ok_or_else(|| format!("there is no ray node {at}"))?;
         visited += 1;
         // More visits than nodes: some node is below itself or below two others.
-        if visited > nodes.len() || depth > DEEPEST {
+        if visited > nodes.len() {
             return Err("the ray nodes are no tree".to_owned());
         }
-        let first = node.first as usize;
-        if node.count == 0 {
-            waiting.extend([(first, depth + 1), (first + 1, depth + 1)]);
-        } else if first + node.count as usize > items {
-            return Err(format!("ray node {at} refers to items {first} and on, beyond the last of {items}"));
+        if node.used().next().is_none() {
+            return Err(format!("ray node {at} leads nowhere"));
+        }
+        for slot in node.used() {
+            let (first, count) = (node.first[slot], node.items[slot]);
+            if count == 0 {
+                waiting.push(first);
+            } else if first as usize + count as usize > items {
+                return Err(format!("ray node {at} refers to items {first} and on, beyond the last of {items}"));
+            }
         }
     }
     Ok(())

@@ -7,11 +7,17 @@ use std::time::Duration;
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::{Boundable, BvhBuildParams};
 
 use crate::geom::bounds::Bounds;
 use crate::model::geometry::PatchRecord;
 use crate::model::rays::{ClusterRef, RayNode, RayPatch, WHOLE};
+
+/// Most faces of a leaf: as many as rays look at in one go.
+pub(super) const FACES_A_LEAF: u32 = 4;
+/// Most clusters of a leaf of the top level.
+pub(super) const CLUSTERS_A_LEAF: u32 = 2;
 
 struct Item(Aabb);
 
@@ -23,21 +29,44 @@ impl Boundable for Item {
 
 /// Hierarchy over boxes: nodes, and the order in which leaves run over the boxes.
 fn hierarchy(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<RayNode>, Vec<u32>) {
+    let (binary, order) = binary(boxes, per_leaf);
+    (collapsed(&binary), order)
+}
+
+/// Binary hierarchy over boxes.
+pub(super) fn binary(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<Bvh2Node>, Vec<u32>) {
     let items: Vec<Item> = boxes.map(|(min, max)| Item(Aabb::new(Vec3A::from(min), Vec3A::from(max)))).collect();
     if items.len() <= per_leaf as usize {
         let whole = items.iter().fold(Aabb::empty(), |a, b| a.union(&b.0));
-        let node = RayNode { min_m: whole.min.into(), first: 0, max_m: whole.max.into(), count: items.len() as u32 };
-        return (vec![node], (0..items.len() as u32).collect());
+        return (vec![Bvh2Node::new(whole, items.len() as u32, 0)], (0..items.len() as u32).collect());
     }
     let mut params = BvhBuildParams::medium_build();
     params.max_prims_per_leaf = per_leaf;
     let bvh = build_bvh2(&items, params, &mut Duration::default());
-    let nodes = bvh
-        .nodes
-        .iter()
-        .map(|n| RayNode { min_m: n.min.into(), first: n.first_index, max_m: n.max.into(), count: n.prim_count })
-        .collect();
-    (nodes, bvh.primitive_indices)
+    (bvh.nodes, bvh.primitive_indices)
+}
+
+/// Three levels of a binary hierarchy in each node.
+fn collapsed(binary: &[Bvh2Node]) -> Vec<RayNode> {
+    let mut nodes = vec![RayNode::EMPTY];
+    let mut waiting = vec![(0u32, 0)];
+    while let Some((top, into)) = waiting.pop() {
+        let mut within = vec![(top, 0, 8)];
+        while let Some((at, slot, slots)) = within.pop() {
+            let node = &binary[at as usize];
+            let (bounds_m, first, items) = ((node.min.into(), node.max.into()), node.first_index, node.prim_count);
+            if items > 0 {
+                nodes[into] = nodes[into].with(slot, bounds_m, first, items);
+            } else if slots > 1 {
+                within.extend([(first, slot, slots / 2), (first + 1, slot + slots / 2, slots / 2)]);
+            } else {
+                nodes[into] = nodes[into].with(slot, bounds_m, nodes.len() as u32, 0);
+                waiting.push((at, nodes.len()));
+                nodes.push(RayNode::EMPTY);
+            }
+        }
+    }
+    nodes
 }
 
 /// A face that is one patch, of that number in its cluster.
@@ -59,7 +88,7 @@ pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
         let b = Bounds::of(&face.corners_m.map(|c| DVec3::from_array(c.map(f64::from))));
         (b.min.as_vec3().to_array(), b.max.as_vec3().to_array())
     });
-    let (nodes, order) = hierarchy(boxes, 4);
+    let (nodes, order) = hierarchy(boxes, FACES_A_LEAF);
     (nodes, order.iter().map(|&i| faces[i as usize]).collect())
 }
 
@@ -67,6 +96,6 @@ pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
 /// clusters (about 150 bytes each), the one thing in a store's making that does.
 #[must_use]
 pub fn top(clusters: &[(ClusterRef, [f32; 3], [f32; 3])]) -> (Vec<RayNode>, Vec<ClusterRef>) {
-    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)), 2);
+    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)), CLUSTERS_A_LEAF);
     (nodes, order.iter().map(|&i| clusters[i as usize].0).collect())
 }

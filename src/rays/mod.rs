@@ -3,11 +3,13 @@
 pub mod build;
 pub mod emitters;
 pub mod first_look;
+mod lanes;
 pub mod locate;
 pub mod node;
 pub mod recent;
 pub mod scene;
 pub mod traverse;
+mod walk;
 
 pub use emitters::Emitters;
 pub use first_look::FirstLook;

@@ -28,6 +28,8 @@ pub struct RayScene<'a> {
     look: Option<&'a FirstLook<'a>>,
     /// Faces this near coincide, m.
     pub(super) snap_m: f64,
+    /// No coordinate is larger.
+    pub(super) largest_m: f32,
 }
 
 impl PatchKey {
@@ -68,10 +70,8 @@ impl<'a> RayScene<'a> {
     /// From the top extent and the whole segment file that it and all clusters' structures lie in;
     /// what is wrong with them otherwise. `snap_m`: faces this near coincide; of those `emitters` are seen.
     pub fn new(top: TopRaysView<'a>, file: &'a [u8], emitters: &'a Emitters, snap_m: f64) -> Result<Self, String> {
-        if top.nodes.is_empty() {
-            return Err("the top level of the ray structure is empty".to_owned());
-        }
-        let scene = Self { top, file, emitters, look: None, snap_m };
+        let root = top.nodes.first().ok_or("the top level of the ray structure is empty")?;
+        let scene = Self { top, file, emitters, look: None, snap_m, largest_m: root.largest_m() };
         for at in top.clusters {
             if scene.structure(at).is_none_or(|c| c.nodes.is_empty()) || scene.cuts(at).is_none() {
                 return Err(format!("the ray structure of cluster {} lies outside its segment", at.cluster));
@@ -123,12 +123,6 @@ impl<'a> RayScene<'a> {
     #[must_use]
     pub fn with_first_look(self, look: &'a FirstLook<'a>) -> Self {
         Self { look: Some(look), ..self }
-    }
-
-    /// Places of the clusters of a leaf of the top level.
-    #[inline(always)]
-    pub(super) fn places(leaf: &RayNode) -> std::ops::Range<usize> {
-        leaf.first as usize..(leaf.first + leaf.count) as usize
     }
 
     /// The cluster at a place with its structure; `None` if that is damaged.

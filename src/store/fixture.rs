@@ -80,8 +80,7 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
         let exitance = if id == 0 { [1.0; 3] } else { [0.0; 3] };
         let sides = [SideMaterial { rho: [0.5; 3], exitance }, SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }];
         let materials = ArraysBuilder::default().with(&sides).finish();
-        let mut node = RayNode::zeroed();
-        (node.min_m, node.max_m, node.count) = (head.min_m, head.max_m, 1);
+        let node = RayNode::EMPTY.with(0, (head.min_m, head.max_m), 0, 1);
         let mut ray_patch = RayPatch::zeroed();
         (ray_patch.corners_m, ray_patch.corner_count, ray_patch.area_m2, ray_patch.cut) =
             (patch.corners_m, 4, 1.0, WHOLE);
@@ -108,8 +107,7 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
         };
         ingest.add_cluster(&row).unwrap();
     }
-    let mut root = RayNode::zeroed();
-    (root.max_m, root.count) = ([1.0, 1.0, clusters as f32], clusters);
+    let root = RayNode::EMPTY.with(0, ([0.0; 3], [1.0, 1.0, clusters as f32]), 0, clusters);
     let top = ArraysBuilder::default().with(&[root]).with(&refs).finish();
     let rays_top = rays.append(ExtentKind::Rays, TOP, &top).unwrap();
     let facts = facts(clusters, rays_top);

@@ -321,7 +321,7 @@ mod tests {
         let (top, file) = (rays.top().unwrap(), rays.file());
         let at = top.clusters[7].nodes_at as usize;
         let node: RayNode = bytemuck::pod_read_unaligned(&file[at..at + size_of::<RayNode>()]);
-        assert_eq!(node.min_m, [0.0, 0.0, 7.0], "places are those of the whole file");
+        assert_eq!(node.bounds_m(0).0, [0.0, 0.0, 7.0], "places are those of the whole file");
         assert_eq!(store.facts().unwrap().diagonal_m(), (2.0f64 + 1500.0 * 1500.0).sqrt());
         assert_eq!(Snapshot::at(&store, 5).err().unwrap().exit_code(), 2);
     }

@@ -127,7 +127,8 @@ impl MemoryScene {
             let payload = rays::ClusterRaysView { nodes: &nodes, patches: &faces, cuts }.payload();
             let reference = rays::ClusterRef::to(i as u32, &payload, bytes.len() as u64).expect("just built");
             bytes.extend_from_slice(&payload);
-            refs.push((reference, nodes[0].min_m, nodes[0].max_m));
+            let (min_m, max_m) = nodes[0].whole_m();
+            refs.push((reference, min_m, max_m));
             let mut head = ClusterHead::zeroed();
             (head.cluster, head.patches) = (i as u32, 1);
             let front = SideMaterial { rho: [*rho as f32; 3], exitance: [*exitance as f32; 3] };

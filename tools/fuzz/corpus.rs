@@ -117,9 +117,10 @@ pub fn visibility() -> Vec<u8> {
     ArraysBuilder::default().with(&[head]).with(&list).finish()
 }
 
-fn nodes(items: u32) -> [RayNode; 3] {
-    let node = |first: u32, count: u32| RayNode { min_m: [0.0; 3], max_m: [2.0; 3], first, count };
-    [node(1, 0), node(0, 1), node(1, items - 1)]
+fn nodes(items: u32) -> [RayNode; 2] {
+    let box_m = ([0.0; 3], [2.0; 3]);
+    let leaf = RayNode::EMPTY.with(2, box_m, 1, items - 1);
+    [RayNode::EMPTY.with(0, box_m, 0, 1).with(4, box_m, 1, 0), leaf]
 }
 
 /// A ray structure of a cluster of a face in two parts and a whole one.

@@ -150,7 +150,7 @@ impl RayArrays {
     /// The box round all faces; `None` without any.
     #[must_use]
     pub fn bounds_m(&self) -> Option<([f32; 3], [f32; 3])> {
-        self.nodes.first().map(|root| (root.min_m, root.max_m))
+        self.nodes.first().map(RayNode::whole_m)
     }
 }
 
