@@ -26,7 +26,7 @@ Exit codes:
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Solve", &["run", "ingest", "visibility", "partition", "solve-group", "merge"]),
     ("Look after the store", &["status", "check", "gc"]),
-    ("Use the solution", &["sample", "render", "export"]),
+    ("Use the solution", &["sample", "audit", "render", "export"]),
     ("This program", &["completions", "man", "help"]),
 ];
 

@@ -11,6 +11,7 @@ use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
+use crate::model::audit::{AuditFigures, WorstPlace};
 use crate::model::figures::{IterationFigures, Phase, Steering, Work};
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
@@ -57,6 +58,12 @@ pub struct Summary {
     pub predicted_error: Option<f64>,
     /// Estimated error of the stored light.
     pub estimated_nrms: Option<f64>,
+    /// The same as an audit found it, if there was one.
+    #[serde(flatten)]
+    pub audited: AuditFigures,
+    /// Where it found the light farthest off.
+    #[serde(skip)]
+    pub worst: Option<WorstPlace>,
     /// Groups.
     pub groups: u64,
     /// Figures of the last iteration; none before the first, and null in JSON.
@@ -95,9 +102,8 @@ impl super::summary::Summary for Summary {
             self.branch,
             if self.converged { "converged" } else { "not converged" }
         )];
-        if let Some(estimated) = self.estimated_nrms {
-            lines.push(format!("estimated error of the stored light {:.2} %", 100.0 * estimated));
-        }
+        lines.extend(error_line(self.estimated_nrms, &self.audited));
+        lines.extend(self.worst.as_ref().map(worst_line));
         if let (Some(residual), Some(error)) = (self.residual, self.predicted_error) {
             lines.push(format!("residual {residual:.2e}, error left by stopping here {error:.2e}"));
         }
@@ -130,8 +136,50 @@ impl super::summary::Summary for Summary {
                 ),
                 "the light is stored and may be used; for what is asked, run with a larger `--tolerance`",
             ),
+            Unmet::Audit(tolerance) => return Some(contradicted(&self.audited, tolerance)),
         };
         Some(Error::NotConverged { message, help: help.to_owned() })
+    }
+}
+
+/// The error of the stored light as people read it: as it was estimated, and as it was audited.
+pub(super) fn error_line(estimated: Option<f64>, audited: &AuditFigures) -> Option<String> {
+    let percent = |x: f64| 100.0 * x;
+    let mut parts: Vec<String> = estimated.iter().map(|x| format!("estimated {:.2} %", percent(*x))).collect();
+    if let Some((nrms, error)) = audited.audited_nrms.zip(audited.audited_se) {
+        parts.push(format!("audited {:.2} % +- {:.2} %", percent(nrms), percent(error)));
+    }
+    if let Some((bias, error)) = audited.audited_bias.zip(audited.bias_se) {
+        parts.push(format!("bias {:+.2} % +- {:.2} %", percent(bias), percent(error)));
+    }
+    (!parts.is_empty()).then(|| format!("error of the stored light: {}", parts.join(", ")))
+}
+
+/// The place where an audit found the light farthest off.
+pub(super) fn worst_line(worst: &WorstPlace) -> String {
+    let numbers = |of: [f64; 3]| of.map(|x| format!("{x:.3}")).join(" ");
+    format!(
+        "worst of the audited places: {} at {} m, stored {}, measured {} W/m2",
+        if worst.object.is_empty() { format!("cluster {}", worst.cluster) } else { worst.object.clone() },
+        numbers(worst.point_m),
+        numbers(worst.stored_w_m2),
+        numbers(worst.gathered_w_m2)
+    )
+}
+
+/// What is said of a version that an audit contradicts.
+pub(super) fn contradicted(audited: &AuditFigures, tolerance: f64) -> Error {
+    let percent = |x: Option<f64>| 100.0 * x.unwrap_or_default();
+    Error::NotConverged {
+        message: format!(
+            "not converged: the audited error of the stored light is {:.2} % +- {:.2} %, for a tolerance of {:.2} %",
+            percent(audited.audited_nrms),
+            percent(audited.audited_se),
+            100.0 * tolerance
+        ),
+        help:
+            "run again with a smaller `--tolerance`, or a finer `--quality`; `clerestory audit` names the worst places"
+                .to_owned(),
     }
 }
 
@@ -220,7 +268,10 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
     let end = store.newest_end_of_branch(branch)?;
     let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), format!("version {end} is missing")))?;
     let f = store.version_figures(end)?;
-    let converged = row.converged && row.branch == branch;
+    let audit = store.audit(end)?.unwrap_or_default();
+    let contradicts = f.as_ref().filter(|f| f.converged && audit.figures.contradicts(f.tolerance));
+    let contradicts = contradicts.map(|f| Unmet::Audit(f.tolerance));
+    let converged = row.converged && row.branch == branch && contradicts.is_none();
     let dir = for_shell(store.dir());
     let next = if converged {
         format!("clerestory render {dir} -o picture.png")
@@ -239,7 +290,9 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         estimated_nrms: f.as_ref().map(|f| f.steering.estimated_nrms),
         groups: store.group_count()?,
         figures: f.as_ref().map(|f| f.iteration),
-        unmet: f.as_ref().and_then(unmet),
+        unmet: f.as_ref().and_then(unmet).or(contradicts),
+        audited: audit.figures,
+        worst: audit.worst.into_iter().next(),
         next: Some(next),
     })
 }
@@ -253,12 +306,14 @@ fn is_within(steering: &Steering, tolerance: f64) -> bool {
 }
 
 /// Why a branch that no longer changes has not converged: more iterations do not mend that.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unmet {
     /// Its balance shows that it is wrong.
     Balance,
     /// Markings no longer make the estimated error fall.
     Tolerance,
+    /// An audit found an error that is surely over what this tolerance allows.
+    Audit(f64),
 }
 
 /// Whether, and why, iterations of a branch lead no further.

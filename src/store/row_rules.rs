@@ -140,6 +140,12 @@ fn rules() -> Vec<Rule> {
             "SELECT id FROM solution_versions WHERE branch NOT IN (SELECT id FROM branches)",
             "its branch is not there",
         ),
+        each("audits", "version", &counts(&["places", "points"]), "a count is negative"),
+        rule(
+            "audits",
+            "SELECT version FROM audits WHERE version NOT IN (SELECT id FROM solution_versions)",
+            "its version is not there",
+        ),
         rule(
             "branches",
             "SELECT b.id FROM branches b JOIN solution_versions v ON v.branch = b.id

@@ -14,8 +14,8 @@ use crate::base::{Error, Result};
 
 const SCHEMA: &str = include_str!("../../schema/store.sql");
 /// Today's format, the catalogue's `user_version`: 1 and 2 held patches that walls stood across, 3 one value an element,
-/// 4 lamps of rows without their rounds.
-pub(super) const FORMAT: usize = 5;
+/// 4 lamps of rows without their rounds, 5 no audits.
+pub(super) const FORMAT: usize = 6;
 const VIEWS: &str = include_str!("../../schema/views.sql");
 
 /// Where SQLite keeps `user_version` in a database file.

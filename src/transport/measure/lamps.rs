@@ -144,6 +144,12 @@ impl LightTree {
         self.lamps.is_empty()
     }
 
+    /// Bytes that it takes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.lamps.as_slice()) + size_of_val(self.bundles.as_slice())
+    }
+
     fn build(&mut self, at: usize, lamps: &mut [Bundle]) {
         if let [only] = lamps {
             self.bundles[at] = *only;
