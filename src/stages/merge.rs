@@ -409,6 +409,7 @@ fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Prog
 mod tests {
     use super::*;
     use crate::base::{ClusterId, Quiet};
+    use crate::model::audit::Audit;
     use crate::model::figures::Power;
     use crate::store::{Worker, fixture};
 
@@ -483,6 +484,31 @@ mod tests {
             let said = crate::stages::summary::Summary::shortfall(&summary);
             assert_eq!(said.map(|e| e.exit_code()), (!converged).then_some(3));
         }
+    }
+
+    #[test]
+    fn an_audit_that_contradicts_what_a_branch_promises_is_told_and_nothing_reads_it_but_who_reports() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 3);
+        fixture::partition(&store, 1);
+        for irradiance in [4.0, 4.0] {
+            fixture::solve_all(&store, UpdateOrder::Jacobi, irradiance);
+            merge(&store).unwrap();
+        }
+        let sound = summarise(&store, 0, 0).unwrap();
+        let tolerance = store.version_figures(sound.version).unwrap().unwrap().tolerance;
+        let put = |places, nrms| {
+            let (audited_nrms, audited_se) = (Some(nrms), Some(0.1 * tolerance));
+            let figures = AuditFigures { audited_nrms, audited_se, ..AuditFigures::default() };
+            store.put_audit(&Audit { version: sound.version, places, figures, ..Audit::default() }).unwrap();
+            summarise(&store, 0, 0).unwrap()
+        };
+        assert!(sound.converged && put(64, 1.6 * tolerance).converged);
+        let wrong = put(256, 1.8 * tolerance);
+        assert!(!wrong.converged && wrong.unmet == Some(Unmet::Audit(tolerance)));
+        let said = crate::stages::summary::Summary::shortfall(&wrong).unwrap();
+        assert!(said.exit_code() == 3 && said.to_string().contains("audited error"), "{said}");
+        assert!(store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap().converged);
     }
 
     #[test]
