@@ -64,6 +64,8 @@ pub struct Summary {
     /// Where it found the light farthest off.
     #[serde(skip)]
     pub worst: Option<WorstPlace>,
+    #[serde(skip)]
+    tolerance: f64,
     /// Groups.
     pub groups: u64,
     /// Figures of the last iteration; none before the first, and null in JSON.
@@ -91,6 +93,19 @@ pub(super) fn names(groups: &[u32]) -> String {
     let shown: Vec<String> = groups.iter().take(SHOWN).map(ToString::to_string).collect();
     let more = groups.len().saturating_sub(SHOWN);
     if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+}
+
+impl Summary {
+    /// As a run ends that has had the version audited. To the branch itself an audit is nothing: more iterations of it do
+    /// not mend what they do not see.
+    #[must_use]
+    pub fn heeding_the_audit(self, store: &Store) -> Self {
+        if !self.converged || !self.audited.contradicts(self.tolerance) {
+            return self;
+        }
+        let next = Some(format!("clerestory audit {}", for_shell(store.dir())));
+        Self { converged: false, unmet: Some(Unmet::Audit(self.tolerance)), next, ..self }
+    }
 }
 
 impl super::summary::Summary for Summary {
@@ -269,9 +284,7 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
     let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), format!("version {end} is missing")))?;
     let f = store.version_figures(end)?;
     let audit = store.audit(end)?.unwrap_or_default();
-    let contradicts = f.as_ref().filter(|f| f.converged && audit.figures.contradicts(f.tolerance));
-    let contradicts = contradicts.map(|f| Unmet::Audit(f.tolerance));
-    let converged = row.converged && row.branch == branch && contradicts.is_none();
+    let converged = row.converged && row.branch == branch;
     let dir = for_shell(store.dir());
     let next = if converged {
         format!("clerestory render {dir} -o picture.png")
@@ -290,7 +303,8 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         estimated_nrms: f.as_ref().map(|f| f.steering.estimated_nrms),
         groups: store.group_count()?,
         figures: f.as_ref().map(|f| f.iteration),
-        unmet: f.as_ref().and_then(unmet).or(contradicts),
+        unmet: f.as_ref().and_then(unmet),
+        tolerance: f.as_ref().map_or(0.0, |f| f.tolerance),
         audited: audit.figures,
         worst: audit.worst.into_iter().next(),
         next: Some(next),
@@ -501,7 +515,9 @@ mod tests {
             let (audited_nrms, audited_se) = (Some(nrms), Some(0.1 * tolerance));
             let figures = AuditFigures { audited_nrms, audited_se, ..AuditFigures::default() };
             store.put_audit(&Audit { version: sound.version, places, figures, ..Audit::default() }).unwrap();
-            summarise(&store, 0, 0).unwrap()
+            let told = summarise(&store, 0, 0).unwrap();
+            assert!(told.converged && told.audited == figures, "to the branch it is nothing");
+            told.heeding_the_audit(&store)
         };
         assert!(sound.converged && put(64, 1.6 * tolerance).converged);
         let wrong = put(256, 1.8 * tolerance);

@@ -183,7 +183,7 @@ fn run(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     Ok(Summary {
         up,
         up_is_sure,
-        solution: merge::summarise(&store, branch, 0)?,
+        solution: merge::summarise(&store, branch, 0)?.heeding_the_audit(&store),
         patches: facts.patches,
         clusters: facts.clusters,
         emitters: facts.emitters,
