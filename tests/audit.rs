@@ -8,6 +8,7 @@ use std::time::Duration;
 use clerestory::base::Quiet;
 use clerestory::base::memory::MemoryBudget;
 use clerestory::geom::polygon::Polygon;
+use clerestory::model::audit::{Audit, AuditFigures};
 use clerestory::stages::audit;
 use clerestory::store::Store;
 use clerestory::transport::kernel::form_factor::point_to_polygon;
@@ -146,6 +147,29 @@ fn an_audit_depends_on_version_seed_and_places_alone_and_is_kept() {
     let rows: Vec<(u64, u64, f64)> = rows.map(Result::unwrap).collect();
     assert_eq!(rows.iter().map(|row| (row.0, row.1)).collect::<Vec<_>>(), [(64, 1), (100, 1), (100, 2)]);
     assert_eq!(rows[1].2, number(&first, "audited_nrms"));
+}
+
+#[test]
+fn a_run_whose_audit_contradicts_it_has_not_converged_and_ends_with_3() {
+    let dir = tempfile::tempdir().unwrap();
+    room(dir.path(), 0.5);
+    let (code, document) = run(dir.path(), &["--quality", "preview"]);
+    assert_eq!((code, document["converged"].as_bool()), (0, Some(true)), "{document}");
+    let store = Store::open(&dir.path().join("room.clr"), Duration::from_secs(5)).unwrap();
+    let found = store.audit(document["version"].as_u64().unwrap()).unwrap().unwrap();
+    // As if more places had found what 256 have missed.
+    let figures = AuditFigures { audited_nrms: Some(0.2), audited_se: Some(0.02), ..found.figures };
+    store.put_audit(&Audit { places: 257, figures, ..found }).unwrap();
+    drop(store);
+    let out = clerestory(dir.path(), &["run", "--store", "room.clr", "--quality", "preview", "--json"]);
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(3), "{said}");
+    assert!(
+        said.contains("the audited error of the stored light is 20.00 % +- 2.00 %") && said.contains("help: "),
+        "{said}"
+    );
+    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((document["converged"].as_bool(), number(&document, "audited_nrms")), (Some(false), 0.2), "{document}");
 }
 
 #[test]

@@ -119,6 +119,8 @@ mod tests {
             ("partition", "--method=split"),
             ("solve-group", "--inner=2"),
             ("solve-group", "--memory=1G"),
+            ("audit", "--places=256"),
+            ("audit", "--seed=1"),
         ] {
             assert!(words(verb).iter().any(|w| w == flag), "{verb} {flag}: {:?}", words(verb));
         }

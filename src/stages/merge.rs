@@ -7,6 +7,7 @@ use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 use serde_json::Value;
 
+use super::audit::words;
 use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
@@ -117,8 +118,8 @@ impl super::summary::Summary for Summary {
             self.branch,
             if self.converged { "converged" } else { "not converged" }
         )];
-        lines.extend(error_line(self.estimated_nrms, &self.audited));
-        lines.extend(self.worst.as_ref().map(worst_line));
+        lines.extend(words::error_line(self.estimated_nrms, &self.audited));
+        lines.extend(self.worst.as_ref().map(words::worst_line));
         if let (Some(residual), Some(error)) = (self.residual, self.predicted_error) {
             lines.push(format!("residual {residual:.2e}, error left by stopping here {error:.2e}"));
         }
@@ -151,50 +152,9 @@ impl super::summary::Summary for Summary {
                 ),
                 "the light is stored and may be used; for what is asked, run with a larger `--tolerance`",
             ),
-            Unmet::Audit(tolerance) => return Some(contradicted(&self.audited, tolerance)),
+            Unmet::Audit(tolerance) => return Some(words::contradicted(&self.audited, tolerance)),
         };
         Some(Error::NotConverged { message, help: help.to_owned() })
-    }
-}
-
-/// The error of the stored light as people read it: as it was estimated, and as it was audited.
-pub(super) fn error_line(estimated: Option<f64>, audited: &AuditFigures) -> Option<String> {
-    let percent = |x: f64| 100.0 * x;
-    let mut parts: Vec<String> = estimated.iter().map(|x| format!("estimated {:.2} %", percent(*x))).collect();
-    if let Some((nrms, error)) = audited.audited_nrms.zip(audited.audited_se) {
-        parts.push(format!("audited {:.2} % +- {:.2} %", percent(nrms), percent(error)));
-    }
-    if let Some((bias, error)) = audited.audited_bias.zip(audited.bias_se) {
-        parts.push(format!("bias {:+.2} % +- {:.2} %", percent(bias), percent(error)));
-    }
-    (!parts.is_empty()).then(|| format!("error of the stored light: {}", parts.join(", ")))
-}
-
-/// The place where an audit found the light farthest off.
-pub(super) fn worst_line(worst: &WorstPlace) -> String {
-    let numbers = |of: [f64; 3]| of.map(|x| format!("{x:.3}")).join(" ");
-    format!(
-        "worst of the audited places: {} at {} m, stored {}, measured {} W/m2",
-        if worst.object.is_empty() { format!("cluster {}", worst.cluster) } else { worst.object.clone() },
-        numbers(worst.point_m),
-        numbers(worst.stored_w_m2),
-        numbers(worst.gathered_w_m2)
-    )
-}
-
-/// What is said of a version that an audit contradicts.
-pub(super) fn contradicted(audited: &AuditFigures, tolerance: f64) -> Error {
-    let percent = |x: Option<f64>| 100.0 * x.unwrap_or_default();
-    Error::NotConverged {
-        message: format!(
-            "not converged: the audited error of the stored light is {:.2} % +- {:.2} %, for a tolerance of {:.2} %",
-            percent(audited.audited_nrms),
-            percent(audited.audited_se),
-            100.0 * tolerance
-        ),
-        help:
-            "run again with a smaller `--tolerance`, or a finer `--quality`; `clerestory audit` names the worst places"
-                .to_owned(),
     }
 }
 

@@ -235,6 +235,8 @@ mod tests {
             ("groups", "UPDATE groups SET id = 5 WHERE id = 1"),
             ("solution_versions", "UPDATE solution_versions SET parent = id"),
             ("solution_versions", "DELETE FROM solution_versions"),
+            ("audits", "INSERT INTO audits VALUES (99, 1, 1, 1, NULL, NULL, NULL, NULL, '[]', 0)"),
+            ("audits", "INSERT INTO audits VALUES (0, 1, 1, -1, NULL, NULL, NULL, NULL, '[]', 0)"),
             ("branches", "UPDATE branches SET base_version = 0"),
             ("branches", "DELETE FROM branches"),
         ] {

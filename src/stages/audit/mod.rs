@@ -5,14 +5,15 @@
 
 mod lamps;
 mod places;
+pub mod words;
 
 use serde::Serialize;
 
 use self::lamps::LampsInSight;
 use self::places::{Drawing, Found, Place};
+use super::entry;
 use super::ray_scene::with_scene;
 use super::working_set::WorkingSet;
-use super::{entry, merge};
 use crate::base::memory::MemoryBudget;
 use crate::base::parallel::{Crew, Turns};
 use crate::base::{ClusterId, Error, Progress, Result};
@@ -69,8 +70,8 @@ pub struct Summary {
 impl super::summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!("version {}, {} places measured anew", self.version, self.points)];
-        lines.extend(merge::error_line(self.estimated_nrms, &self.figures));
-        lines.extend(self.worst.first().map(merge::worst_line));
+        lines.extend(words::error_line(self.estimated_nrms, &self.figures));
+        lines.extend(self.worst.first().map(words::worst_line));
         lines
     }
 
@@ -80,7 +81,7 @@ impl super::summary::Summary for Summary {
 
     fn shortfall(&self) -> Option<Error> {
         let promised = self.promised.filter(|tolerance| self.figures.contradicts(*tolerance))?;
-        Some(merge::contradicted(&self.figures, promised))
+        Some(words::contradicted(&self.figures, promised))
     }
 }
 
@@ -122,13 +123,17 @@ pub fn execute(plan: &Plan<'_>, progress: &dyn Progress) -> Result<Summary> {
 /// Anonymous memory of a thread: light and lamps that it holds.
 const THREAD_BYTES: u64 = 96 << 20;
 
+/// Clusters that are worth a thread while their light is summed up.
+const CLUSTERS_AT_LEAST: usize = 64;
+
 /// Memory that a place takes while it waits to be measured.
 const PLACE_BYTES: u64 = 96;
 
 impl Plan<'_> {
-    fn crew<'p>(&self, progress: &'p dyn Progress) -> Crew<'p> {
-        let room = (self.options.memory.limit_bytes / THREAD_BYTES).max(1);
-        Crew { threads: self.options.threads.min(usize::try_from(room).unwrap_or(usize::MAX)), progress }
+    /// Threads for so much work, of which each is to have some before another opens the store.
+    fn crew<'p>(&self, progress: &'p dyn Progress, items: usize, each: usize) -> Crew<'p> {
+        let room = usize::try_from(self.options.memory.limit_bytes / THREAD_BYTES).unwrap_or(usize::MAX);
+        Crew { threads: self.options.threads.min(room).min(items.div_ceil(each)), progress }
     }
 
     /// Draws and measures places; gives the norm of all leaves besides.
@@ -158,7 +163,7 @@ impl Plan<'_> {
                 turns.each(|at| drawing.measure((&set, open, &lamps), &parts[at]))
             })
         };
-        self.crew(progress).in_order(parts.len(), measure, |_, part| {
+        self.crew(progress, parts.len(), 1).in_order(parts.len(), measure, |_, part| {
             found.add(part);
             Ok(())
         })?;
@@ -177,7 +182,7 @@ impl Plan<'_> {
             turns.each(|at| places::sums(&set, ids[at], &norm))
         };
         let mut sums = Vec::new();
-        self.crew(progress).in_order(ids.len(), weigh, |at, of| {
+        self.crew(progress, ids.len(), CLUSTERS_AT_LEAST).in_order(ids.len(), weigh, |at, of| {
             if of.weights[0] > 0.0 {
                 sums.push((ids[at], of));
             }

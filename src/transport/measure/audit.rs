@@ -158,7 +158,7 @@ impl Audit<'_> {
         let (mut carried, mut number) = (Rgb::BLACK, 0);
         let mut go_on = |met: Met| {
             number += 1;
-            if met.index % GOES_ON == 0 {
+            if met.index.is_multiple_of(GOES_ON) {
                 let from_here = paths.leaving(met, mix(seed ^ mix(number << 32)))?;
                 carried += from_here + own.missed(self.clusters, &met)?;
             }
