@@ -155,6 +155,22 @@ CREATE TABLE solution_versions (
 
 CREATE INDEX versions_by_branch ON solution_versions (branch, id);
 
+-- What `run` and `audit` found when they measured the light of a version anew; null where nothing is lit.
+
+CREATE TABLE audits (
+    version INTEGER NOT NULL REFERENCES solution_versions (id),
+    places INTEGER NOT NULL, -- asked for
+    seed INTEGER NOT NULL, -- of 64 bits, with a sign
+    points INTEGER NOT NULL, -- measured: those under other faces are not
+    audited_nrms REAL,
+    audited_se REAL, -- its standard error
+    audited_bias REAL, -- by paths that read no stored light
+    audited_bias_se REAL,
+    worst TEXT NOT NULL, -- JSON: the places whose light is farthest off, as `audit --json` prints them
+    made_at REAL NOT NULL,
+    PRIMARY KEY (version, places, seed)
+) STRICT, WITHOUT ROWID;
+
 CREATE TABLE cluster_materials (
     cluster INTEGER NOT NULL REFERENCES clusters (id),
     version INTEGER NOT NULL REFERENCES solution_versions (id),

@@ -65,6 +65,15 @@ SELECT branch, iteration, id AS version, phase, threshold, estimated_nrms, resid
        tolerance, converged, energy_balance, elements, links_stored, links_reused, rays
 FROM solution_versions WHERE is_iteration_end = 1 ORDER BY branch, iteration;
 
+DROP VIEW IF EXISTS v_audit;
+CREATE VIEW v_audit AS
+SELECT a.version, v.branch, v.iteration, a.places, a.seed, a.points, a.audited_nrms, a.audited_se, a.audited_bias,
+       a.audited_bias_se, v.estimated_nrms, v.tolerance, a.worst ->> '$[0].object' AS worst_object,
+       a.worst ->> '$[0].point_m[0]' AS worst_x_m, a.worst ->> '$[0].point_m[1]' AS worst_y_m,
+       a.worst ->> '$[0].point_m[2]' AS worst_z_m,
+       strftime('%Y-%m-%dT%H:%M:%S', a.made_at, 'unixepoch', 'localtime') AS made
+FROM audits a JOIN solution_versions v ON v.id = a.version;
+
 DROP VIEW IF EXISTS v_storage;
 CREATE VIEW v_storage AS
 SELECT 'geometry' AS kind, count(*) AS extents, coalesce(sum(geometry_bytes), 0) / 1048576.0 AS size_mib FROM clusters

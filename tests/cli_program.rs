@@ -82,7 +82,7 @@ fn every_document_has_the_common_keys_and_those_of_its_verb() {
         (&["merge", "box.clr"], "converged version branch"),
         (
             &["run", "--store", "box.clr"],
-            "converged iterations residual contraction estimated_nrms version branch groups patches clusters emitters \
+            "converged iterations residual contraction estimated_nrms audited_nrms audited_se audited_bias version branch groups patches clusters emitters \
              area_m2 elements links_evaluated links_stored links_reused rays unlinked_mean workers \
              coordinator_anon_bytes emitted_w absorbed_w escaped_w energy_balance",
         ),
@@ -90,6 +90,7 @@ fn every_document_has_the_common_keys_and_those_of_its_verb() {
         (&["gc", "box.clr"], "versions_removed bytes_freed"),
         (&["sample", "box.clr", "--points", "p.csv", "-o", "out.csv"], "points answered unanswered"),
         (&["sample", "box.clr", "--points", "p.csv", "--stored", "-o", "stored.csv"], "points answered unanswered"),
+        (&["audit", "box.clr", "--places", "64"], "points audited_nrms audited_se audited_bias estimated_nrms worst"),
         (&["export", "box.clr", "-o", "x.glb"], "files elements solution_version"),
         (&["render", "box.clr", "-o", "x.png", "--size", "16x16"], "files"),
     ] {

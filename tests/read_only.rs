@@ -89,11 +89,12 @@ impl Scene {
 
     fn reads(&self, how: &str) {
         let before = self.state();
-        let verbs: [&[&str]; 7] = [
+        let verbs: [&[&str]; 8] = [
             &["status", "rooms.clr", "--settings"],
             &["status", "rooms.clr", "--json"],
             &["check", "rooms.clr"],
             &["sample", "rooms.clr", "--points", "points.csv", "-o", "out/light.csv", "--force"],
+            &["audit", "rooms.clr", "--places", "64"],
             &["render", "rooms.clr", "-o", "out/x.png", "--size", "20x15", "--force"],
             &["export", "rooms.clr", "-o", "out/x.csv", "--force"],
             &["export", "rooms.clr", "-o", "-", "--version", "0"],

@@ -100,6 +100,11 @@ pub enum Verb {
         after_help = "Examples:\n  clerestory sample office.clr --points desk.csv -o lux.csv\n  clerestory sample office.clr --points grid.pts -o -\n  clerestory sample office.clr --points desk.csv --stored -o stored.csv"
     )]
     Sample(SampleArgs),
+    /// Measure the stored light anew at random places, and say how far it is off
+    #[command(
+        after_help = "Examples:\n  clerestory audit office.clr\n  clerestory audit office.clr --places 65536 --seed 2 --json"
+    )]
+    Audit(AuditArgs),
     /// Draw the solution as seen from a camera
     #[command(
         after_help = "Examples:\n  clerestory render office.clr -o office.png\n  clerestory render office.clr -o desk.hdr --eye 2,3,1.6 --look 5,3,1"
@@ -162,6 +167,9 @@ pub struct RunArgs {
     /// Ends of iterations kept per branch, version 0 besides
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=MOST))]
     pub keep: u64,
+    /// Places audited at the end; 0 leaves the audit out
+    #[arg(long, value_name = "N", default_value = "256", value_parser = clap::value_parser!(u64).range(..=MOST))]
+    pub audit: u64,
     #[command(flatten)]
     pub workers: WorkersFlag,
     #[command(flatten)]
@@ -492,6 +500,23 @@ pub struct SampleArgs {
     /// Solution version [default: newest]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
     pub version: Option<u64>,
+}
+
+#[derive(Args, Debug)]
+pub struct AuditArgs {
+    /// Store folder
+    pub store: PathBuf,
+    /// Places audited
+    #[arg(long, value_name = "N", default_value = "4096", value_parser = clap::value_parser!(u64).range(1..=MOST))]
+    pub places: u64,
+    #[command(flatten)]
+    pub seed: SeedFlag,
+    /// Solution version [default: newest]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MOST))]
+    pub version: Option<u64>,
+    /// Print what would be done
+    #[arg(long)]
+    pub dry_run: bool,
 }
 
 #[derive(Args, Debug)]

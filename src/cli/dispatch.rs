@@ -7,9 +7,9 @@ use std::time::Duration;
 use clap::{ArgMatches, FromArgMatches};
 
 use super::args::{
-    Cli, Common, Emit, ExportArgs, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order, PartitionArgs,
-    Quality, RenderArgs, RunArgs, SampleArgs, Schedule, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs, StatusArgs,
-    StoreArgs, Units, Up, Verb, VisibilityArgs,
+    AuditArgs, Cli, Common, Emit, ExportArgs, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order,
+    PartitionArgs, Quality, RenderArgs, RunArgs, SampleArgs, Schedule, ScheduleFlags, Sides, SolveFlags,
+    SolveGroupArgs, StatusArgs, StoreArgs, Units, Up, Verb, VisibilityArgs,
 };
 use super::report::Report;
 use super::resources::Watch;
@@ -23,8 +23,8 @@ use crate::base::{Error, Progress, Result};
 use crate::model::order::UpdateOrder;
 use crate::stages::output::{self, Output};
 use crate::stages::{
-    check, entry, export, gc, ingest, merge, partition, render, run, sample, sample_files, settings, solve_group,
-    status, visibility,
+    audit, check, entry, export, gc, ingest, merge, partition, render, run, sample, sample_files, settings,
+    solve_group, status, visibility,
 };
 
 /// What every verb works with.
@@ -73,6 +73,7 @@ pub fn run(cli: Cli, context: &Context<'_>) -> Result<Done> {
         Verb::Help { topic } => return pages::help(topic.as_deref()).map(Done::Page),
         Verb::Run(args) => do_run(&args, common, context),
         Verb::Check(args) => do_check(args, common, context),
+        Verb::Audit(args) => do_audit(args, common, context),
         Verb::Render(args) => do_render(args, common, context),
         Verb::Export(args) => do_export(args, common, context),
     }?;
@@ -357,6 +358,25 @@ fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result
     let summary = sample_files::sample(&store, &options, &args.points, output, context.progress)?;
     let lines = summaries::sample(&summary);
     Ok(Report::of("sample", args.store, &WithNext { summary, next: None, lines }).beside(&args.output.output))
+}
+
+fn do_audit(args: AuditArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = entry::open(&args.store, common.wait)?;
+    let options = audit::Options {
+        places: args.places,
+        seed: args.seed.seed,
+        version: args.version,
+        threads: cores(),
+        memory: common.memory,
+    };
+    let plan = audit::plan(&store, &options)?;
+    if args.dry_run {
+        let text = format!("measure {} places of version {}", args.places, plan.version);
+        return Ok(Report::plan("audit", args.store, &text));
+    }
+    let _process = entry::enter(&store, "audit", Some(plan.version))?;
+    let summary = audit::execute(&plan, context.progress)?;
+    Ok(Report::of("audit", args.store, &summary))
 }
 
 fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result<Report> {

@@ -13,7 +13,8 @@ Exit codes:
   0    done (a broken pipe too)
   1    failed: input or machine; the message names file and line where there is one
   2    usage: the command line asks for something that cannot be
-  3    finished, but not converged or some groups failed; the JSON document is still printed
+  3    finished, but not converged (an audit or the energy balance may say so) or some groups failed;
+       the JSON document is still printed
   10   no store there
   11   store busy; the message names who holds it
   12   store damaged, or of another version
@@ -26,7 +27,7 @@ Exit codes:
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Solve", &["run", "ingest", "visibility", "partition", "solve-group", "merge"]),
     ("Look after the store", &["status", "check", "gc"]),
-    ("Use the solution", &["sample", "render", "export"]),
+    ("Use the solution", &["sample", "audit", "render", "export"]),
     ("This program", &["completions", "man", "help"]),
 ];
 

@@ -51,6 +51,7 @@ pub fn options(args: &RunArgs, common: &Common, resolved: &Resolved) -> Result<r
         visibility: command("visibility"),
         partition: command("partition"),
         worker,
+        audit: (command("audit"), args.audit),
         solve: solve_options(
             solve_group::Which::UntilDone,
             &args.solve,
@@ -72,6 +73,7 @@ fn handed_on(own: &[Setting], verb: &str) -> Vec<OsString> {
     for setting in own {
         let flag = match (verb, setting.flag.as_str()) {
             ("partition", "partition") => "method",
+            ("audit", "audit") => "places",
             // On `run` the first is visibility's; a path is bytes, which a value is not.
             ("partition", "method") | (_, "progress" | "materials") => continue,
             (_, flag) => flag,
@@ -117,6 +119,8 @@ mod tests {
             ("partition", "--method=split"),
             ("solve-group", "--inner=2"),
             ("solve-group", "--memory=1G"),
+            ("audit", "--places=256"),
+            ("audit", "--seed=1"),
         ] {
             assert!(words(verb).iter().any(|w| w == flag), "{verb} {flag}: {:?}", words(verb));
         }

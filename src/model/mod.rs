@@ -4,6 +4,7 @@
 //! names its records and a view that borrows them from the payload. `schema/SEGMENTS.md` gives the
 //! bytes.
 
+pub mod audit;
 pub mod cut;
 pub mod figures;
 pub mod geometry;

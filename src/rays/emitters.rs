@@ -31,6 +31,12 @@ impl Emitters {
         self.0.is_empty()
     }
 
+    /// Whether any side of a cluster emits.
+    #[must_use]
+    pub fn any_of(&self, cluster: u32) -> bool {
+        self.0.binary_search_by_key(&cluster, |c| c.0).is_ok()
+    }
+
     /// Whether a patch emits from its front or back.
     #[must_use]
     pub fn emits(&self, patch: PatchKey, front: bool) -> bool {

@@ -7,10 +7,12 @@ use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 use serde_json::Value;
 
+use super::audit::words;
 use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
 use crate::model::Arrays;
 use crate::model::ExtentKind;
+use crate::model::audit::{AuditFigures, WorstPlace};
 use crate::model::figures::{IterationFigures, Phase, Steering, Work};
 use crate::model::geometry::{GeometryView, SideMaterial};
 use crate::model::light::LightView;
@@ -57,6 +59,14 @@ pub struct Summary {
     pub predicted_error: Option<f64>,
     /// Estimated error of the stored light.
     pub estimated_nrms: Option<f64>,
+    /// The same as an audit found it, if there was one.
+    #[serde(flatten)]
+    pub audited: AuditFigures,
+    /// Where it found the light farthest off.
+    #[serde(skip)]
+    pub worst: Option<WorstPlace>,
+    #[serde(skip)]
+    tolerance: f64,
     /// Groups.
     pub groups: u64,
     /// Figures of the last iteration; none before the first, and null in JSON.
@@ -86,6 +96,19 @@ pub(super) fn names(groups: &[u32]) -> String {
     if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
 }
 
+impl Summary {
+    /// As a run ends that has had the version audited. To the branch itself an audit is nothing: more iterations of it do
+    /// not mend what they do not see.
+    #[must_use]
+    pub fn heeding_the_audit(self, store: &Store) -> Self {
+        if !self.converged || !self.audited.contradicts(self.tolerance) {
+            return self;
+        }
+        let next = Some(format!("clerestory audit {}", for_shell(store.dir())));
+        Self { converged: false, unmet: Some(Unmet::Audit(self.tolerance)), next, ..self }
+    }
+}
+
 impl super::summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!(
@@ -95,9 +118,8 @@ impl super::summary::Summary for Summary {
             self.branch,
             if self.converged { "converged" } else { "not converged" }
         )];
-        if let Some(estimated) = self.estimated_nrms {
-            lines.push(format!("estimated error of the stored light {:.2} %", 100.0 * estimated));
-        }
+        lines.extend(words::error_line(self.estimated_nrms, &self.audited));
+        lines.extend(self.worst.as_ref().map(words::worst_line));
         if let (Some(residual), Some(error)) = (self.residual, self.predicted_error) {
             lines.push(format!("residual {residual:.2e}, error left by stopping here {error:.2e}"));
         }
@@ -130,6 +152,7 @@ impl super::summary::Summary for Summary {
                 ),
                 "the light is stored and may be used; for what is asked, run with a larger `--tolerance`",
             ),
+            Unmet::Audit(tolerance) => return Some(words::contradicted(&self.audited, tolerance)),
         };
         Some(Error::NotConverged { message, help: help.to_owned() })
     }
@@ -220,6 +243,7 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
     let end = store.newest_end_of_branch(branch)?;
     let row = store.version(end)?.ok_or_else(|| Error::damaged(store.dir(), format!("version {end} is missing")))?;
     let f = store.version_figures(end)?;
+    let audit = store.audit(end)?.unwrap_or_default();
     let converged = row.converged && row.branch == branch;
     let dir = for_shell(store.dir());
     let next = if converged {
@@ -240,6 +264,9 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
         groups: store.group_count()?,
         figures: f.as_ref().map(|f| f.iteration),
         unmet: f.as_ref().and_then(unmet),
+        tolerance: f.as_ref().map_or(0.0, |f| f.tolerance),
+        audited: audit.figures,
+        worst: audit.worst.into_iter().next(),
         next: Some(next),
     })
 }
@@ -253,12 +280,14 @@ fn is_within(steering: &Steering, tolerance: f64) -> bool {
 }
 
 /// Why a branch that no longer changes has not converged: more iterations do not mend that.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unmet {
     /// Its balance shows that it is wrong.
     Balance,
     /// Markings no longer make the estimated error fall.
     Tolerance,
+    /// An audit found an error that is surely over what this tolerance allows.
+    Audit(f64),
 }
 
 /// Whether, and why, iterations of a branch lead no further.
@@ -358,6 +387,7 @@ fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Prog
 mod tests {
     use super::*;
     use crate::base::{ClusterId, Quiet};
+    use crate::model::audit::Audit;
     use crate::model::figures::Power;
     use crate::store::{Worker, fixture};
 
@@ -432,6 +462,33 @@ mod tests {
             let said = crate::stages::summary::Summary::shortfall(&summary);
             assert_eq!(said.map(|e| e.exit_code()), (!converged).then_some(3));
         }
+    }
+
+    #[test]
+    fn an_audit_that_contradicts_what_a_branch_promises_is_told_and_nothing_reads_it_but_who_reports() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = fixture::store(dir.path(), 3);
+        fixture::partition(&store, 1);
+        for irradiance in [4.0, 4.0] {
+            fixture::solve_all(&store, UpdateOrder::Jacobi, irradiance);
+            merge(&store).unwrap();
+        }
+        let sound = summarise(&store, 0, 0).unwrap();
+        let tolerance = store.version_figures(sound.version).unwrap().unwrap().tolerance;
+        let put = |places, nrms| {
+            let (audited_nrms, audited_se) = (Some(nrms), Some(0.1 * tolerance));
+            let figures = AuditFigures { audited_nrms, audited_se, ..AuditFigures::default() };
+            store.put_audit(&Audit { version: sound.version, places, figures, ..Audit::default() }).unwrap();
+            let told = summarise(&store, 0, 0).unwrap();
+            assert!(told.converged && told.audited == figures, "to the branch it is nothing");
+            told.heeding_the_audit(&store)
+        };
+        assert!(sound.converged && put(64, 1.6 * tolerance).converged);
+        let wrong = put(256, 1.8 * tolerance);
+        assert!(!wrong.converged && wrong.unmet == Some(Unmet::Audit(tolerance)));
+        let said = crate::stages::summary::Summary::shortfall(&wrong).unwrap();
+        assert!(said.exit_code() == 3 && said.to_string().contains("audited error"), "{said}");
+        assert!(store.open_iteration(None, &fixture::settings(UpdateOrder::Jacobi)).unwrap().converged);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! One file per verb: each plans, then executes; here alone the store meets the pure rooms.
 
+pub mod audit;
 pub mod check;
 pub mod children;
 pub mod entry;

@@ -41,6 +41,8 @@ pub struct Options {
     pub partition: Vec<OsString>,
     /// `solve-group STORE --until-done ...`, with the options in `solve`.
     pub worker: Vec<OsString>,
+    /// `audit STORE ...`, without its version, and its places; 0 leaves it out.
+    pub audit: (Vec<OsString>, u64),
     /// What the workers solve with.
     pub solve: solve_group::Options,
     /// `--workers`.
@@ -63,7 +65,7 @@ impl Options {
 /// What `run` is going to start.
 pub struct Plan {
     options: Options,
-    /// The children's command lines, in order; the last for each worker.
+    /// The children's command lines, in order; that of `solve-group` for each worker.
     pub commands: Vec<Vec<OsString>>,
 }
 
@@ -143,6 +145,7 @@ pub fn plan(options: &Options) -> Result<Plan> {
     }
     let mut commands: Vec<Vec<OsString>> = options.ingest.iter().cloned().collect();
     commands.extend([options.visibility.clone(), options.partition.clone(), options.worker.clone()]);
+    commands.extend((options.audit.1 > 0).then(|| options.audit.0.clone()));
     Ok(Plan { options: options.clone(), commands })
 }
 
@@ -172,12 +175,15 @@ fn run(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     coordinator.stage("partition", &options.partition)?;
     store.forgive_deaths()?;
     let (branch, failed_groups) = coordinator.iterate()?;
+    if failed_groups.is_empty() {
+        coordinator.audit(branch)?;
+    }
     let facts = store.facts()?;
     let (up, up_is_sure) = ingest::vertical(&store)?;
     Ok(Summary {
         up,
         up_is_sure,
-        solution: merge::summarise(&store, branch, 0)?,
+        solution: merge::summarise(&store, branch, 0)?.heeding_the_audit(&store),
         patches: facts.patches,
         clusters: facts.clusters,
         emitters: facts.emitters,
@@ -264,6 +270,22 @@ impl Coordinator<'_> {
             if self.store.version_figures(end)?.as_ref().and_then(merge::unmet).is_some() {
                 return Ok((branch, Vec::new()));
             }
+        }
+    }
+
+    /// Has the end of a branch audited, unless that has been done. What contradicts the estimate is the summary's to say.
+    fn audit(&mut self, branch: u64) -> Result<()> {
+        let (command, places) = &self.options.audit;
+        let version = self.store.newest_end_of_branch(branch)?;
+        let is_known = self.store.audit(version)?.is_some_and(|known| known.places >= *places);
+        if *places == 0 || is_known {
+            return Ok(());
+        }
+        let mut args = command.clone();
+        args.extend(["--version".into(), version.to_string().into()]);
+        match self.stage("audit", &args) {
+            Err(Error::NotConverged { .. }) => Ok(()),
+            done => done,
         }
     }
 

@@ -21,7 +21,7 @@ use crate::base::text::shown;
 use crate::base::{Error, Result};
 
 /// Every table but `segments` (rows go with their files), `seals` and `processes`; referring ones first.
-const EMPTIED: [&str; 18] = [
+const EMPTIED: [&str; 19] = [
     "updates",
     "tasks",
     "residency",
@@ -29,6 +29,7 @@ const EMPTIED: [&str; 18] = [
     "cluster_links",
     "cluster_states",
     "cluster_materials",
+    "audits",
     "solution_versions",
     "branches",
     "groups",
@@ -346,7 +347,7 @@ mod tests {
             .connection()
             .query_row("SELECT count(*) FROM sqlite_schema WHERE type = 'view'", [], |r| r.get(0))
             .unwrap();
-        assert_eq!(views, 10);
+        assert_eq!(views, 11);
         drop(store);
         let store = Store::open(&path, Duration::ZERO).unwrap();
         store.connection().pragma_update(None, "user_version", 99).unwrap();

@@ -5,6 +5,7 @@
 //! `branches`, `tasks`, `workers` and `merging` carry the iterations; `garbage` takes away what
 //! nobody reads.
 
+pub mod audits;
 pub mod branches;
 pub mod catalogue;
 mod connection;

@@ -140,6 +140,12 @@ fn rules() -> Vec<Rule> {
             "SELECT id FROM solution_versions WHERE branch NOT IN (SELECT id FROM branches)",
             "its branch is not there",
         ),
+        each("audits", "version", &counts(&["places", "points"]), "a count is negative"),
+        rule(
+            "audits",
+            "SELECT version FROM audits WHERE version NOT IN (SELECT id FROM solution_versions)",
+            "its version is not there",
+        ),
         rule(
             "branches",
             "SELECT b.id FROM branches b JOIN solution_versions v ON v.branch = b.id
@@ -229,6 +235,8 @@ mod tests {
             ("groups", "UPDATE groups SET id = 5 WHERE id = 1"),
             ("solution_versions", "UPDATE solution_versions SET parent = id"),
             ("solution_versions", "DELETE FROM solution_versions"),
+            ("audits", "INSERT INTO audits VALUES (99, 1, 1, 1, NULL, NULL, NULL, NULL, '[]', 0)"),
+            ("audits", "INSERT INTO audits VALUES (0, 1, 1, -1, NULL, NULL, NULL, NULL, '[]', 0)"),
             ("branches", "UPDATE branches SET base_version = 0"),
             ("branches", "DELETE FROM branches"),
         ] {

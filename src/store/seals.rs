@@ -16,7 +16,7 @@ use super::sql::CATALOGUE;
 use crate::base::{Error, Result};
 
 /// The tables that are sealed: all but those that say who works on the store right now, and measurements.
-const SEALED: [&str; 16] = [
+const SEALED: [&str; 17] = [
     "model",
     "segments",
     "stages",
@@ -28,6 +28,7 @@ const SEALED: [&str; 16] = [
     "groups",
     "branches",
     "solution_versions",
+    "audits",
     "cluster_materials",
     "cluster_states",
     "cluster_links",

@@ -1,6 +1,8 @@
 //! The physics: rows of light measured by rays, linear light on elements, refinement where the whole model's error is,
 //! group relaxation. Pure: views of records in, records out.
 
+#[cfg(test)]
+mod audit_tests;
 pub mod iterate;
 pub mod kernel;
 pub mod light;

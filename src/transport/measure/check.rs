@@ -25,12 +25,44 @@ pub struct Check<'a> {
     pub leaving: &'a dyn Fn(ClusterId, PatchSide, DVec3) -> Result<[f32; 3]>,
 }
 
+/// Where a ray over the hemisphere ended.
+#[derive(Clone, Copy)]
+pub struct Met {
+    /// The ray's number within its half.
+    pub index: u64,
+    /// The cluster.
+    pub cluster: ClusterId,
+    /// The side.
+    pub side: PatchSide,
+    /// The place, m.
+    pub place: DVec3,
+}
+
+/// What arrives at a place, W/m2.
+pub struct Arrives {
+    /// Measured twice and independently.
+    pub halves: [Rgb; 2],
+    /// What lamps bring of it, by the rays of both halves.
+    pub direct: Rgb,
+}
+
 impl Check<'_> {
     /// What arrives at a place of a node's side, measured twice and independently. Counts rays.
     pub fn halves(&self, node: &Node, place: DVec3, seed: u64, rays: &mut u64) -> Result<[Rgb; 2]> {
-        let mut halves = [Rgb::BLACK; 2];
-        let aim = self.lamps.aim(&self.lamps.candidates(place, 0.0, node.normal), place, node.normal);
-        for (half, sum) in halves.iter_mut().enumerate() {
+        Ok(self.measure((node, place), seed, rays, &mut |_| Ok(()))?.halves)
+    }
+
+    /// The same, with what lamps bring apart; `met` gets the ends of rays over the hemisphere.
+    pub fn measure(
+        &self,
+        (node, place): (&Node, DVec3),
+        seed: u64,
+        rays: &mut u64,
+        met: &mut dyn FnMut(Met) -> Result<()>,
+    ) -> Result<Arrives> {
+        let mut arrives = Arrives { halves: [Rgb::BLACK; 2], direct: Rgb::BLACK };
+        let aim = self.lamps.aim(place, node.normal);
+        for (half, sum) in arrives.halves.iter_mut().enumerate() {
             let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 1)));
             if let Some(aim) = &aim {
                 for index in 0..RAYS[0] {
@@ -40,17 +72,20 @@ impl Check<'_> {
                     }
                 }
             }
+            arrives.direct += *sum * 0.5;
             let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 3)));
             for index in 0..RAYS[1] {
                 let [u, v, ..] = sequence.point(index);
                 let direction = cosine_direction(node.normal, u, v);
                 *rays += 1;
                 if let Nearest::Met(hit) = self.scene.nearest(place, direction, Some(&node.end)) {
-                    let from = (self.leaving)(ClusterId(hit.key.cluster), hit.side(), place + direction * hit.t)?;
-                    *sum += Rgb::from_f32(from) * (1.0 / RAYS[1] as f64);
+                    let end = place + direction * hit.t;
+                    let (cluster, side) = (ClusterId(hit.key.cluster), hit.side());
+                    *sum += Rgb::from_f32((self.leaving)(cluster, side, end)?) * (1.0 / RAYS[1] as f64);
+                    met(Met { index, cluster, side, place: end })?;
                 }
             }
         }
-        Ok(halves)
+        Ok(arrives)
     }
 }

@@ -150,6 +150,12 @@ impl LightTree {
         self.lamps.is_empty()
     }
 
+    /// Bytes that it takes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.lamps.as_slice()) + size_of_val(self.bundles.as_slice())
+    }
+
     fn build(&mut self, at: usize, lamps: &mut [Bundle]) {
         if let [only] = lamps {
             self.bundles[at] = *only;
@@ -198,7 +204,13 @@ impl LightTree {
 
     /// How rays from a point are shared out; `None` if no lamp can be seen.
     #[must_use]
-    pub fn aim(&self, candidates: &Candidates, from: DVec3, normal: DVec3) -> Option<Aim> {
+    pub fn aim(&self, from: DVec3, normal: DVec3) -> Option<Aim> {
+        self.aim_among(&self.candidates(from, 0.0, normal), from, normal)
+    }
+
+    /// The same, of many points near each other.
+    #[must_use]
+    pub fn aim_among(&self, candidates: &Candidates, from: DVec3, normal: DVec3) -> Option<Aim> {
         let mut aim = Aim { among: Vec::with_capacity(CANDIDATES), sum: 0.0 };
         let mut open = Vec::new();
         for &candidate in &candidates.0 {
@@ -416,7 +428,7 @@ pub fn cast(
     for round in rounds {
         for place in places.each() {
             let from = places.at(place, round);
-            let Some(aim) = tree.aim(&candidates, from, node.normal) else { continue };
+            let Some(aim) = tree.aim_among(&candidates, from, node.normal) else { continue };
             for half in 0..2 {
                 let numbers = draws.draw(half, place, u32::from(round));
                 if let Some((lamp, factor)) = tree.reach(scene, &aim, (node, from), numbers, &mut cast.rays) {

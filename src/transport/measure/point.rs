@@ -62,7 +62,7 @@ impl Gather<'_> {
         let seed = mix(mix_point(point));
         let (to_lamps, over) = (Sequence::new(seed), Sequence::new(mix(seed ^ 1)));
         let (mut direct, mut indirect) = (Sum::default(), Sum::default());
-        let aim = lamps.aim(&lamps.candidates(point, 0.0, node.normal), point, node.normal);
+        let aim = lamps.aim(point, node.normal);
         for batch in 0..BATCHES.1 {
             let enough = self.tolerance.powi(2) * (direct.mean() + indirect.mean()).norm_squared();
             let is_early = batch < BATCHES.0;
