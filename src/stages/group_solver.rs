@@ -423,10 +423,11 @@ impl GroupSolver<'_, '_> {
                     }
                     let halves = check.halves(&node, place, own_seed, &mut report.work.rays)?;
                     let stored = light.at(leaf.name, &node.shape, place);
-                    let [a, b] = halves.map(|half| half.times(Rgb::from_f32(self.settings.gain)) - stored);
-                    let bright = leaf.line.mean.norm_squared().max(f64::MIN_POSITIVE);
+                    let [a, b] = halves.map(|half| half.times(Rgb::from_f32(self.settings.gain)));
+                    // What is bright there, not what the leaf is: next to lamps those are far apart.
+                    let bright = ((a + b) * 0.5).norm_squared().max(f64::MIN_POSITIVE);
                     let counts = (self.settings.cap_w_m2.powi(2) / bright).min(1.0);
-                    let value = a.dot(b) * counts * leaf.area_m2 / share;
+                    let value = (a - stored).dot(b - stored) * counts * leaf.area_m2 / share;
                     total += value;
                     squares += value * value;
                 }

@@ -335,10 +335,9 @@ fn figures(
         before.as_ref().map_or(1.0, |before| (iteration.energy_balance - before.iteration.energy_balance).abs());
     let before = before.map(|f| f.steering).unwrap_or_default();
     let markings = store.markings(tasks[0].branch)?.into_iter();
-    let markings: Vec<_> =
-        markings.map(|(estimate, correction, entries)| Marking::of(estimate, correction, entries)).collect();
+    let markings: Vec<_> = markings.map(|(estimate, entries)| Marking { estimate, entries }).collect();
     let has_stalled = steer::has_stalled(&markings);
-    let settling = Settling { residual, power: iteration.power, drift, received_w, has_stalled };
+    let settling = Settling { residual, predicted_error, power: iteration.power, drift, received_w, has_stalled };
     let of_rows = steer::of_rows(&iteration, store.facts()?.mean_reflectance);
     let steering = steer::steer(&error, &before, settling, (tolerance, of_rows));
     let converged = complete

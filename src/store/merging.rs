@@ -240,18 +240,15 @@ impl Store {
         Ok(rows.collect::<std::result::Result<_, _>>()?)
     }
 
-    /// Estimated errors of a branch after each marking, the corrections in them with their errors, and the links there
-    /// were then, newest first.
-    pub fn markings(&self, branch: u64) -> Result<Vec<(f64, [f64; 2], u64)>> {
+    /// Estimated errors of a branch after each marking, and the links there were then, newest first.
+    pub fn markings(&self, branch: u64) -> Result<Vec<(f64, u64)>> {
         let mut query = self.connection().prepare_cached(
-            "SELECT estimate, correction, correction_error, links FROM (
-                 SELECT id, estimated_nrms AS estimate, correction, correction_error, links_stored AS links,
-                     lag(phase) OVER (ORDER BY id) AS asked
+            "SELECT estimate, links FROM (
+                 SELECT id, estimated_nrms AS estimate, links_stored AS links, lag(phase) OVER (ORDER BY id) AS asked
                  FROM solution_versions WHERE branch = ?1 AND is_iteration_end = 1 AND residual IS NOT NULL)
              WHERE asked = ?2 AND estimate IS NOT NULL ORDER BY id DESC",
         )?;
-        let rows = query
-            .query_map(params![branch, Phase::Mark.name()], |r| Ok((r.get(0)?, [r.get(1)?, r.get(2)?], r.get(3)?)))?;
+        let rows = query.query_map(params![branch, Phase::Mark.name()], |r| Ok((r.get(0)?, r.get(1)?)))?;
         Ok(rows.collect::<std::result::Result<_, _>>()?)
     }
 

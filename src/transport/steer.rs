@@ -21,6 +21,8 @@ pub fn of_rows(figures: &IterationFigures, mean_reflectance: f64) -> f64 {
 pub struct Settling {
     /// By how much it changed.
     pub residual: f64,
+    /// Relative error left by stopping here.
+    pub predicted_error: f64,
     /// Where power goes.
     pub power: Power,
     /// By how much its imbalance changed.
@@ -45,7 +47,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
     let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
     let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
-    let surely = relative(error.rough * surely([correction, correction_error]));
+    // One place that is far off is all of the correction, and of its error: what the others know is worth casting for.
+    let surely = relative(error.rough * (correction - correction_error).max(LEAST_CORRECTION));
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
@@ -83,29 +86,30 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     }
 }
 
-/// What the next iteration multiplies gathers by. In a closed model all that leaves arrives; what rows miss of it is little,
-/// but goes round: light is off by that much over 1 - rho. Once power is still, what arrives is made as much as leaves.
+/// What the next iteration multiplies gathers by. All that leaves sides arrives or leaves the model; what rows miss of it
+/// is little, but goes round: light is off by that much over 1 - rho. Once power is still, what arrives is made as much as leaves.
 fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     let Power { emitted_w, absorbed_w, escaped_w } = settling.power;
     let received_w = settling.received_w;
-    if settling.drift > tolerance / STILL || settling.power.imbalance() <= ADDS_UP {
+    if settling.drift.min(settling.predicted_error) > tolerance / STILL || settling.power.imbalance() <= ADDS_UP {
         return before;
     }
     let after = std::array::from_fn(|c| {
-        let is_closed = received_w[c] > 0.0 && escaped_w[c] <= CLOSED * emitted_w[c];
-        let missed_w = emitted_w[c] - absorbed_w[c] - escaped_w[c];
-        if is_closed { before[c] * (1.0 + missed_w / received_w[c]) } else { before[c] }
+        // What would be missed at a gain of 1.
+        let missed_w = emitted_w[c] - absorbed_w[c] - escaped_w[c] + (before[c] - 1.0) * received_w[c];
+        let surely_w = (missed_w.abs() - ESCAPES * escaped_w[c]).max(0.0).copysign(missed_w);
+        if received_w[c] > 0.0 { 1.0 + surely_w / received_w[c] } else { before[c] }
     });
     // What is off by more is wrong, not rough.
     if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance) { after } else { before }
 }
 
-/// What the imbalance still drifts in an iteration, in tolerances' parts, where one sees what light misses: rows that are
-/// made better meanwhile change little of it.
-const STILL: f64 = 16.0;
+/// What light is still to change, or its imbalance has drifted in an iteration, in tolerances' parts, where one sees what
+/// light misses: rows that are made better meanwhile change little of it.
+const STILL: f64 = 8.0;
 
-/// Share of what is emitted that may leave a model that counts as closed.
-const CLOSED: f64 = 0.01;
+/// Share of what leaves the model by which that may be off: so much less of what misses is known to.
+const ESCAPES: f64 = 0.05;
 
 /// Share of what leaves that rows may miss, in tolerances.
 const MOST_MISSED: f64 = 0.5;
@@ -113,41 +117,33 @@ const MOST_MISSED: f64 = 0.5;
 /// An iteration that made rows better.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marking {
-    /// The estimated error after it, as far as it is sure.
+    /// The estimated error after it.
     pub estimate: f64,
     /// Entries in all rows.
     pub entries: u64,
 }
 
-impl Marking {
-    /// Of an estimate and the correction in it with its error.
-    #[must_use]
-    pub fn of(estimate: f64, [correction, error]: [f64; 2], entries: u64) -> Self {
-        Self { estimate: estimate * (surely([correction, error]) / correction.max(LEAST_CORRECTION)).sqrt(), entries }
-    }
-}
-
-/// A correction that all places but one confirm: one that is far off is all of it, and of its error.
-fn surely([correction, error]: [f64; 2]) -> f64 {
-    (correction - error).max(LEAST_CORRECTION)
-}
-
 /// Markings, one after another, that must have made the estimate fall; where each does little, so many.
-const PATIENCE: (usize, usize) = (3, 12);
+const PATIENCE: (usize, usize) = (3, 16);
 
-/// Twice the links along hard edges of shadows leave 0.84 of the estimate; one that stays above this share has not fallen.
+/// Four times the links along hard edges of shadows leave 0.7 of the estimate; one that stays above this share has not
+/// fallen, however few places tell.
 const FALLS: f64 = 0.95;
 
-/// Whether the estimate no longer falls: on average since rows held half as much it is what it was in the markings just
-/// before. `markings`: those of a branch, newest first.
+/// Whether the estimate no longer falls: the middle one since rows held a quarter is that of the markings just before.
+/// `markings`: those of a branch, newest first.
 #[must_use]
 pub fn has_stalled(markings: &[Marking]) -> bool {
     let Some(newest) = markings.first() else { return false };
-    let of_half = markings.partition_point(|marking| 2 * marking.entries > newest.entries);
-    let (recent, before) = markings.split_at(of_half.clamp(PATIENCE.0, PATIENCE.1).min(markings.len()));
+    let recent = markings.partition_point(|marking| 4 * marking.entries > newest.entries);
+    let (recent, before) = markings.split_at(recent.clamp(PATIENCE.0, PATIENCE.1).min(markings.len()));
     let before = &before[..before.len().min(PATIENCE.0)];
-    let mean = |of: &[Marking]| of.iter().map(|marking| marking.estimate).sum::<f64>() / of.len() as f64;
-    before.len() == PATIENCE.0 && mean(recent) > FALLS * mean(before)
+    let median = |of: &[Marking]| {
+        let mut estimates: Vec<f64> = of.iter().map(|marking| marking.estimate).collect();
+        estimates.sort_by(f64::total_cmp);
+        estimates[(estimates.len() - 1) / 2]
+    };
+    before.len() == PATIENCE.0 && median(recent) > FALLS * median(before)
 }
 
 /// How far what rows know is off.
@@ -197,7 +193,7 @@ mod tests {
 
     #[test]
     fn rows_are_marked_once_the_light_has_settled_and_until_the_estimate_with_its_doubt_meets_the_tolerance() {
-        let with_change = |residual: f64| Settling { residual, ..Settling::default() };
+        let with_change = |residual: f64| Settling { residual, predicted_error: 0.1 * residual, ..Settling::default() };
         // Rows know of an error of 5 % or 10 % of a norm of 2; places measured anew find `correction` times that squared.
         let with = |rough: f64, correction: f64, deviation: f64| {
             let checked = [rough * correction, (rough * deviation).powi(2)];
@@ -242,9 +238,9 @@ mod tests {
         let gained = gain([1.0; 3], still(power(0.95, 0.0)), 0.02);
         assert!(gained.iter().all(|gain| (gain - 1.005).abs() < 1e-12), "{gained:?}");
         assert_eq!(gain(gained, still(power(0.9995, 0.0)), 0.02), gained, "it adds up");
-        assert_eq!(gain([1.0; 3], still(power(0.65, 0.3)), 0.02), [1.0; 3], "open");
+        assert_eq!(gain([1.0; 3], still(power(0.69, 0.3)), 0.02), [1.0; 3], "what leaves may be off by as much");
         assert_eq!(gain([1.0; 3], still(power(0.8, 0.0)), 0.02), [1.0; 3], "wrong");
-        let moving = Settling { drift: 0.01, ..still(power(0.95, 0.0)) };
+        let moving = Settling { drift: 0.01, predicted_error: 0.01, ..still(power(0.95, 0.0)) };
         assert_eq!(gain([1.0; 3], moving, 0.02), [1.0; 3]);
     }
 
@@ -257,7 +253,7 @@ mod tests {
         assert!(!stalled(&[(0.25, 32), (0.28, 16), (0.31, 8), (0.3, 4), (0.3, 2), (0.3, 1)]), "they helped");
         assert!(stalled(&[(0.3, 32), (0.31, 16), (0.33, 8), (0.3, 4), (0.3, 2), (0.3, 1)]));
         assert!(!stalled(&[(0.3, 15), (0.31, 14), (0.33, 13), (0.3, 12), (0.3, 11), (0.3, 10)]), "they did little");
-        let little: Vec<(f64, u64)> = (0..15).map(|i| (0.3, 100 - i)).collect();
+        let little: Vec<(f64, u64)> = (0..19).map(|i| (0.3, 100 - i)).collect();
         assert!(stalled(&little) && !stalled(&little[1..]), "and did it often");
     }
 }
