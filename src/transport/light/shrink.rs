@@ -121,3 +121,101 @@ fn nearest(elements: &[Element], at: usize, known: &[Option<Known>]) -> Option<K
 
 /// Least width of an element of two slopes, relative to its length and squared.
 const NARROW: f64 = 1e-4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{ClusterId, NodeName, PatchSide};
+    use crate::model::geometry::PatchRecord;
+    use crate::transport::light::line::Fit;
+    use crate::transport::nodes::mesh::MeshRow;
+    use bytemuck::Zeroable;
+
+    /// A side of sixteen elements, each with a row of this line and noise.
+    fn mesh(corners: &[[f32; 3]], noise: f64, line: impl Fn(usize, [f64; 2]) -> Line) -> Mesh {
+        let mut patch = PatchRecord::zeroed();
+        patch.corners_m = std::array::from_fn(|i| corners[i.min(corners.len() - 1)]);
+        (patch.corner_count, patch.sides) = (corners.len() as u8, 3);
+        let mut mesh = Mesh::new(ClusterId(0), &[patch]);
+        mesh.split(0, &patch);
+        for quarter in 0..4 {
+            let name = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 }).child(quarter);
+            mesh.split(mesh.nearest(name), &patch);
+        }
+        let leaves = mesh.leaves(PatchSide { patch: 0, side: 0 });
+        for (number, at) in leaves.into_iter().enumerate() {
+            let fit = Fit { line: line(number, mesh.elements[at].centroid), noise, ..Fit::default() };
+            mesh.rows.push(MeshRow { element: at as u32, part: Part::Indirect, rounds: 4, fit });
+        }
+        mesh
+    }
+
+    fn power(mesh: &Mesh, lines: &[Line]) -> f64 {
+        mesh.rows
+            .iter()
+            .zip(lines)
+            .map(|(row, line)| mesh.elements[row.element as usize].area_m2 * line.mean.0[0])
+            .sum()
+    }
+
+    fn square(mesh: &Mesh, lines: &[Line]) -> f64 {
+        let of = |(row, line): (&MeshRow, &Line)| {
+            let element = &mesh.elements[row.element as usize];
+            element.area_m2 * (line.mean.norm_squared() + product(element.moments, &line.along))
+        };
+        mesh.rows.iter().zip(lines).map(of).sum()
+    }
+
+    const QUAD: [[f32; 3]; 4] = [[0.0; 3], [3.0, 0.0, 0.0], [4.0, 2.0, 0.0], [1.0, 2.0, 0.0]];
+    const SKEW: [[f32; 3]; 4] = [[0.0; 3], [3.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.5, 1.0, 0.0]];
+    const NEEDLE: [[f32; 3]; 3] = [[0.0; 3], [3.0, 0.0, 0.0], [2.0, 0.3, 0.0]];
+
+    fn uneven(number: usize) -> f64 {
+        [1.0, -0.5, 0.25, -1.0, 0.6, 0.3, -0.8][number % 7]
+    }
+
+    #[test]
+    fn light_that_is_linear_over_all_stays_what_it_is() {
+        for corners in [&QUAD[..], &SKEW, &NEEDLE] {
+            let of = |_: usize, [x, y]: [f64; 2]| Line {
+                mean: Rgb::grey(5.0 + x - 0.5 * y),
+                along: [Rgb::grey(1.0), Rgb::grey(-0.5)],
+            };
+            let mesh = mesh(corners, 1.0, of);
+            for (row, line) in mesh.rows.iter().zip(lines(&mesh, Part::Indirect)) {
+                let off = line.mean - row.fit.line.mean;
+                assert!(
+                    off.norm_squared() < 1e-18 && (line.along[1] + Rgb::grey(0.5)).norm_squared() < 1e-12,
+                    "{line:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn details_within_the_noise_go_those_beyond_it_stay_and_power_is_kept() {
+        let of = |number: usize, _: [f64; 2]| Line { mean: Rgb::grey(5.0 + uneven(number)), ..Line::default() };
+        let (noisy, sharp) = (mesh(&QUAD, 10.0, of), mesh(&QUAD, 1e-9, of));
+        for (mesh, stays) in [(&noisy, false), (&sharp, true)] {
+            let before: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
+            let after = lines(mesh, Part::Indirect);
+            assert!((power(mesh, &before) / power(mesh, &after) - 1.0).abs() < 1e-12);
+            let moved = before.iter().zip(&after).map(|(a, b)| (a.mean - b.mean).norm_squared()).fold(0.0, f64::max);
+            assert_eq!(moved < 1e-9, stays, "{moved}");
+        }
+    }
+
+    #[test]
+    fn no_shape_makes_light_grow() {
+        for corners in [&QUAD[..], &SKEW, &NEEDLE] {
+            for noise in [1e-9, 0.1, 10.0] {
+                let along = |number: usize| [uneven(number + 1), uneven(number + 3)].map(|x| Rgb::grey(30.0 * x));
+                let of = |number: usize, _: [f64; 2]| Line { mean: Rgb::grey(uneven(number)), along: along(number) };
+                let mesh = mesh(corners, noise, of);
+                let before: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
+                let after = lines(&mesh, Part::Indirect);
+                assert!(square(&mesh, &after) <= square(&mesh, &before) * (1.0 + 1e-9), "{corners:?}, noise {noise}");
+            }
+        }
+    }
+}
