@@ -97,7 +97,8 @@ class Fresh:
         self.points = os.path.join(folder, "points.csv")
         with open(self.points, "w") as file:
             file.write("x,y,z,nx,ny,nz\n")
-            for leaf in random.Random(1).sample([leaf for leaf in leaves if float(leaf["irradiance_g_w_m2"]) > 0], SENSORS):
+            lit = [leaf for leaf in leaves if float(leaf["irradiance_g_w_m2"]) > 0]
+            for leaf in random.Random(1).sample(lit, min(SENSORS, len(lit))):
                 file.write(",".join(leaf[key] for key in ("x", "y", "z", "nx", "ny", "nz")) + "\n")
         self.sensors = sampled(store, self.points)
         self.tolerance = TOLERANCE[self.flags[1]]
