@@ -18,11 +18,18 @@ struct Known {
     noise: f64,
 }
 
-/// Lines of all rows of a part, by row; those of others as they are.
+/// What is left of the lines of all rows, by row. Each part of the light has a multiresolution of its own.
 #[must_use]
-pub fn lines(mesh: &Mesh, part: Part) -> Vec<Line> {
-    let elements = &mesh.elements;
+pub fn lines(mesh: &Mesh) -> Vec<Line> {
     let mut lines: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
+    for part in Part::ALL {
+        shrink(mesh, part, &mut lines);
+    }
+    lines
+}
+
+fn shrink(mesh: &Mesh, part: Part, lines: &mut [Line]) {
+    let elements = &mesh.elements;
     let mut known: Vec<Option<Known>> = vec![None; elements.len()];
     let mut row_of = vec![NONE; elements.len()];
     for (index, row) in mesh.rows.iter().enumerate().filter(|(_, row)| row.part == part) {
@@ -35,22 +42,20 @@ pub fn lines(mesh: &Mesh, part: Part) -> Vec<Line> {
         }
     }
     // From above: what is left of each line.
+    let mut left: Vec<Line> = known.iter().map(|known| known.map_or(Line::default(), |known| known.line)).collect();
     for at in 0..elements.len() {
-        let Some(Known { line, .. }) = known[at] else { continue };
+        let Some(Known { line: above, .. }) = known[at] else { continue };
         if row_of[at] != NONE {
-            lines[row_of[at] as usize] = line;
+            lines[row_of[at] as usize] = left[at];
             continue;
         }
-        let above = nearest(elements, at, &known).expect("it has a line").line;
         let details = Details::of(elements, at, &above, &known);
-        for (child, detail) in children(elements, at).zip(details.lines) {
-            let base = line.about(offset(elements, at, child));
+        for (child, detail) in children(elements, at).into_iter().zip(details.lines) {
             let along = detail.along.map(|along| along * details.share);
-            let left = base.plus(&Line { mean: detail.mean * details.share, along });
-            known[child] = known[child].map(|known| Known { line: left, ..known });
+            let base = left[at].about(offset(elements, at, child));
+            left[child] = base.plus(&Line { mean: detail.mean * details.share, along });
         }
     }
-    lines
 }
 
 /// What the children of an element add to a line, and how much of that counts.
@@ -62,9 +67,7 @@ struct Details {
 impl Details {
     fn of(elements: &[Element], at: usize, above: &Line, known: &[Option<Known>]) -> Self {
         let (mut size, mut noise) = (0.0, 0.0);
-        let first = elements[at].first_child as usize;
-        let lines = [0, 1, 2, 3].map(|quarter| {
-            let child = first + quarter;
+        let lines = children(elements, at).map(|child| {
             let of = known[child].expect("the element above has a line");
             let before = above.about(offset(elements, at, child));
             let detail =
@@ -78,9 +81,8 @@ impl Details {
     }
 }
 
-fn children(elements: &[Element], at: usize) -> std::ops::Range<usize> {
-    let first = elements[at].first_child as usize;
-    first..first + 4
+fn children(elements: &[Element], at: usize) -> [usize; 4] {
+    [0, 1, 2, 3].map(|quarter| elements[at].first_child as usize + quarter)
 }
 
 fn share_of(elements: &[Element], above: usize, child: usize) -> f64 {
@@ -182,7 +184,7 @@ mod tests {
                 along: [Rgb::grey(1.0), Rgb::grey(-0.5)],
             };
             let mesh = mesh(corners, 1.0, of);
-            for (row, line) in mesh.rows.iter().zip(lines(&mesh, Part::Indirect)) {
+            for (row, line) in mesh.rows.iter().zip(lines(&mesh)) {
                 let off = line.mean - row.fit.line.mean;
                 assert!(
                     off.norm_squared() < 1e-18 && (line.along[1] + Rgb::grey(0.5)).norm_squared() < 1e-12,
@@ -198,7 +200,7 @@ mod tests {
         let (noisy, sharp) = (mesh(&QUAD, 10.0, of), mesh(&QUAD, 1e-9, of));
         for (mesh, stays) in [(&noisy, false), (&sharp, true)] {
             let before: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
-            let after = lines(mesh, Part::Indirect);
+            let after = lines(mesh);
             assert!((power(mesh, &before) / power(mesh, &after) - 1.0).abs() < 1e-12);
             let moved = before.iter().zip(&after).map(|(a, b)| (a.mean - b.mean).norm_squared()).fold(0.0, f64::max);
             assert_eq!(moved < 1e-9, stays, "{moved}");
@@ -213,7 +215,7 @@ mod tests {
                 let of = |number: usize, _: [f64; 2]| Line { mean: Rgb::grey(uneven(number)), along: along(number) };
                 let mesh = mesh(corners, noise, of);
                 let before: Vec<Line> = mesh.rows.iter().map(|row| row.fit.line).collect();
-                let after = lines(&mesh, Part::Indirect);
+                let after = lines(&mesh);
                 assert!(square(&mesh, &after) <= square(&mesh, &before) * (1.0 + 1e-9), "{corners:?}, noise {noise}");
             }
         }

@@ -212,18 +212,15 @@ impl LightTree {
     #[must_use]
     pub fn aim_among(&self, candidates: &Candidates, from: DVec3, normal: DVec3) -> Option<Aim> {
         let mut aim = Aim { among: Vec::with_capacity(CANDIDATES), sum: 0.0 };
-        let mut open = Vec::new();
-        for &candidate in &candidates.0 {
-            open.push(candidate);
-            while let Some(at) = open.pop() {
-                let bundle = &self.bundles[at as usize];
-                match bundle.below {
-                    Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
-                    Below::Children(first) if bundle.radius_m >= LARGE * bundle.centre.distance(from) => {
-                        open.extend([first, first + 1]);
-                    }
-                    Below::Children(_) => aim.add(bundle.expected(from, normal), at),
+        let mut open: Vec<u32> = candidates.0.iter().rev().copied().collect();
+        while let Some(at) = open.pop() {
+            let bundle = &self.bundles[at as usize];
+            match bundle.below {
+                Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
+                Below::Children(first) if bundle.radius_m >= LARGE * bundle.centre.distance(from) => {
+                    open.extend([first, first + 1]);
                 }
+                Below::Children(_) => aim.add(bundle.expected(from, normal), at),
             }
         }
         (aim.sum > 0.0).then_some(aim)

@@ -209,17 +209,17 @@ impl Mesh {
     /// Sets the light of all elements from their rows' lines: what a row says holds down to the leaves below, and means
     /// go up again, so that power is kept.
     pub fn push_pull(&mut self, above: &[[u32; 2]]) {
-        let lines = Part::ALL.map(|part| shrink::lines(self, part));
+        let lines = shrink::lines(self);
         for (at, of_parts) in above.iter().enumerate() {
             if !self.elements[at].is_leaf() {
                 continue;
             }
             let mut line = Line::default();
-            for (part, index) in of_parts.iter().enumerate().filter(|(_, row)| **row != NONE) {
+            for index in of_parts.iter().filter(|row| **row != NONE) {
                 let row = &self.rows[*index as usize];
                 let from = self.elements[row.element as usize].centroid;
                 let to = self.elements[at].centroid;
-                line = line.plus(&lines[part][*index as usize].about([to[0] - from[0], to[1] - from[1]]));
+                line = line.plus(&lines[*index as usize].about([to[0] - from[0], to[1] - from[1]]));
             }
             line.mean = Rgb(line.mean.0.map(|x| x.max(0.0)));
             self.elements[at].line = line;
