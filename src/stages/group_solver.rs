@@ -361,11 +361,9 @@ impl GroupSolver<'_, '_> {
                 if !leaf.is_leaf() || !view.takes_part(leaf.name.patch_side().index()) || view.emits(leaf.name) {
                     continue;
                 }
-                let rows = member.above[at].iter().filter_map(|&row| member.mesh.rows.get(row as usize));
-                let error: f64 = rows.map(|row| row.fit.structure.max(row.fit.found).max(0.0) + row.fit.noise).sum();
                 let bright = leaf.line.mean.norm_squared();
                 let counts = (self.settings.cap_w_m2.powi(2) / bright.max(f64::MIN_POSITIVE)).min(1.0);
-                let error = leaf.area_m2 * counts * (error + FLOOR * bright);
+                let error = leaf.area_m2 * counts * member.mesh.expected_error(at, &member.above[at]);
                 (sum, area_m2) = (sum + error, area_m2 + leaf.area_m2);
                 expected.push((error, index, at));
             }
@@ -441,10 +439,8 @@ impl GroupSolver<'_, '_> {
     }
 }
 
-/// Squared error that is expected anywhere, relative to the light.
-const FLOOR: f64 = 1e-4;
-
-/// And relative to that of the group: where none is expected it must not count for so much when it is found.
+/// Squared error that is expected anywhere, relative to that of the group: where none is expected it must not count for so
+/// much when it is found.
 const ANYWHERE: f64 = 0.2;
 
 /// Rows of one cluster that are worth giving back at once.

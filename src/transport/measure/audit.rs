@@ -45,9 +45,6 @@ pub struct Leaf {
     pub norm: f64,
 }
 
-/// Squared error that is expected anywhere, relative to the light: rows that came out good by luck are looked at too.
-const FLOOR: f64 = 1e-4;
-
 /// The leaves of a cluster's lit sides that do not emit, in the order of its mesh.
 #[must_use]
 pub fn leaves(view: &ClusterView<'_>, mesh: &Mesh, norm: &Norm) -> Vec<Leaf> {
@@ -62,12 +59,10 @@ pub fn leaves(view: &ClusterView<'_>, mesh: &Mesh, norm: &Norm) -> Vec<Leaf> {
         let squared = element.line.mean.norm_squared();
         let factor = norm.factor(squared.sqrt());
         is_lit[side] |= factor > 0.0;
-        let rows = above[at].iter().filter_map(|&row| mesh.rows.get(row as usize));
-        let error: f64 = rows.map(|row| row.fit.structure.max(row.fit.found).max(0.0) + row.fit.noise).sum();
         leaves.push(Leaf {
             element: at,
             area_m2: element.area_m2,
-            expected: element.area_m2 * factor * factor * (error + FLOOR * squared),
+            expected: element.area_m2 * factor * factor * mesh.expected_error(at, &above[at]),
             norm: factor * factor * squared,
         });
     }

@@ -64,6 +64,9 @@ impl MeshRow {
     }
 }
 
+/// Squared error that is expected anywhere, relative to the light.
+const FLOOR: f64 = 1e-4;
+
 /// All elements of a cluster.
 #[derive(Clone, Debug)]
 pub struct Mesh {
@@ -204,6 +207,15 @@ impl Mesh {
             }
         }
         above
+    }
+
+    /// Squared error that is expected at an element with its light from these rows, (W/m2)2: never 0 where there is light,
+    /// since rows that came out good by luck are looked at too.
+    #[must_use]
+    pub fn expected_error(&self, at: usize, above: &[u32; 2]) -> f64 {
+        let rows = above.iter().filter_map(|&row| self.rows.get(row as usize));
+        let error: f64 = rows.map(|row| row.fit.structure.max(row.fit.found).max(0.0) + row.fit.noise).sum();
+        error + FLOOR * self.elements[at].line.mean.norm_squared()
     }
 
     /// Sets the light of all elements from their rows' lines: what a row says holds down to the leaves below, and means
