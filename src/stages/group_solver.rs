@@ -28,6 +28,7 @@ use crate::transport::light::lit::LitCluster;
 use crate::transport::measure::check::{Check, RAYS};
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::nodes::mesh::Mesh;
+use crate::transport::norm::Norm;
 use crate::transport::records;
 use crate::transport::refine::{self, Around, Context, Refined, Sides};
 use crate::transport::row::{Hit, Part};
@@ -38,8 +39,8 @@ use crate::transport::source::{ClusterView, Loaded, exitance};
 pub struct Settings {
     /// What is done about rows promises at least so much a ray; infinite where nothing is to be done.
     pub threshold: f64,
-    /// What is brighter counts no more than this, W/m2.
-    pub cap_w_m2: f64,
+    /// What light counts.
+    pub norm: Norm,
     /// Iterations that the version read has behind it on its branch.
     pub iteration: u64,
     /// `--min-element`, m, or 0.
@@ -130,7 +131,7 @@ impl GroupSolver<'_, '_> {
             lights: self.set,
             seed: self.settings.seed,
             threshold: self.settings.threshold,
-            cap_w_m2: self.settings.cap_w_m2,
+            norm: self.settings.norm,
             min_element_m: self.settings.min_element_m,
             progress: self.progress,
         }
@@ -330,7 +331,7 @@ impl GroupSolver<'_, '_> {
             refine::case(&context, &view, &member.mesh, row.element as usize, row.rounds, row.fit)
                 .add_to(&mut report.error, counts);
         }
-        let [norm, lit, area] = refine::level(&view, &member.mesh, self.settings.cap_w_m2);
+        let [norm, lit, area] = refine::level(&view, &member.mesh, &self.settings.norm);
         report.error.norm += norm;
         report.error.lit = [report.error.lit[0] + lit, report.error.lit[1] + area];
         Ok(())
@@ -361,8 +362,7 @@ impl GroupSolver<'_, '_> {
                 if !leaf.is_leaf() || !view.takes_part(leaf.name.patch_side().index()) || view.emits(leaf.name) {
                     continue;
                 }
-                let bright = leaf.line.mean.norm_squared();
-                let counts = (self.settings.cap_w_m2.powi(2) / bright.max(f64::MIN_POSITIVE)).min(1.0);
+                let counts = self.settings.norm.counts(leaf.line.mean.norm_squared().sqrt()).powi(2);
                 let error = leaf.area_m2 * counts * member.mesh.expected_error(at, &member.above[at]);
                 (sum, area_m2) = (sum + error, area_m2 + leaf.area_m2);
                 expected.push((error, index, at));
@@ -423,8 +423,7 @@ impl GroupSolver<'_, '_> {
                     let stored = light.at(leaf.name, &node.shape, place);
                     let [a, b] = halves.map(|half| half.times(Rgb::from_f32(self.settings.gain)));
                     // What is bright there, not what the leaf is: next to lamps those are far apart.
-                    let bright = ((a + b) * 0.5).norm_squared().max(f64::MIN_POSITIVE);
-                    let counts = (self.settings.cap_w_m2.powi(2) / bright).min(1.0);
+                    let counts = self.settings.norm.counts(((a + b) * 0.5).norm_squared().sqrt()).powi(2);
                     let value = (a - stored).dot(b - stored) * counts * leaf.area_m2 / share;
                     total += value;
                     squares += value * value;

@@ -24,6 +24,7 @@ use crate::store::tasks::{GroupClaim, Lease, Offer};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
 use crate::transport::iterate::relax::Inner;
+use crate::transport::norm::Norm;
 
 /// Which groups to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,9 +80,6 @@ pub struct Summary {
     #[serde(flatten)]
     pub work: Work,
 }
-
-/// Irradiance beyond which places count no more, in means of what is lit.
-const CAP: f64 = 10.0;
 
 /// Bytes that a task needs whatever the group: code, caches of places, SQLite.
 const BASE_BYTES: u64 = 32 << 20;
@@ -255,7 +253,7 @@ fn solve(
     let steering = figures.map(|f| f.steering).unwrap_or_default();
     let settings = |is_dark: bool| Settings {
         threshold: steering.threshold.unwrap_or(f64::INFINITY),
-        cap_w_m2: if steering.lit_mean_w_m2 > 0.0 { CAP * steering.lit_mean_w_m2 } else { f64::INFINITY },
+        norm: Norm::of_mean(steering.lit_mean_w_m2),
         iteration: base.iteration,
         min_element_m: shaping.min_element_m.unwrap_or(0.0),
         inner,

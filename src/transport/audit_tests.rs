@@ -3,11 +3,12 @@
 use std::rc::Rc;
 
 use super::light::lit::{Lights, LitCluster};
-use super::measure::audit::{Audit, Finding, Known, Leaf, Measured, Norm, Tally};
+use super::measure::audit::{Audit, Finding, Known, Leaf, Measured, Tally};
 use super::measure::lamps::LightTree;
 use super::measure::path::InSight;
 use super::memory_scene::{MemoryScene, room};
 use super::nodes::mesh::Mesh;
+use super::norm::Norm;
 use super::source::Clusters;
 use crate::base::{ClusterId, PatchSide, Result, Rgb};
 use crate::geom::sequence::{mix, unit};
@@ -52,7 +53,7 @@ fn measure((scene, in_sight): (&MemoryScene, &[ClusterId]), stored: f64, places:
 fn furnace(stored: f64) -> (Known, Known) {
     let faces: Vec<_> =
         room([0.0; 3], [1.0; 3], 0.5).into_iter().map(|(corners, rho, _)| (corners, rho, 1.0)).collect();
-    let (scene, norm, mut tally) = (MemoryScene::new(&faces), Norm { lit_mean_w_m2: 2.0 }, Tally::default());
+    let (scene, norm, mut tally) = (MemoryScene::new(&faces), Norm::of_mean(2.0), Tally::default());
     let leaf = Leaf { element: 0, area_m2: 1.0, expected: 1.0, norm: 3.0 * stored * stored };
     measure((&scene, &FACES), stored, 40, |measured| {
         tally.add(&Finding::new(Rgb::grey(stored), &measured, &leaf, &norm), 1.0);

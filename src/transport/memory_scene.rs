@@ -13,6 +13,7 @@ use super::light::lit::{Lights, LitCluster};
 use super::measure::lamps::{self, LightTree};
 use super::nodes::mesh::Mesh;
 use super::nodes::places::{Draws, Places};
+use super::norm::Norm;
 use super::oracle;
 use super::records;
 use super::refine::{self, Around, Context, Measured, Refined, Sides};
@@ -93,9 +94,6 @@ fn aligned(bytes: &[u8]) -> Vec<u64> {
     words
 }
 
-/// Brightness that counts, in means, as `solve-group` has it.
-const CAP: f64 = 10.0;
-
 /// Iterations after which a test has waited long enough.
 const MOST_ITERATIONS: u32 = 80;
 
@@ -153,7 +151,7 @@ impl MemoryScene {
     }
 
     /// One iteration over the whole model as one group, as a visit of `solve-group` goes.
-    pub fn iterate(&mut self, threshold: f64, cap_w_m2: f64) -> Iterated {
+    pub fn iterate(&mut self, threshold: f64, norm: Norm) -> Iterated {
         let all: Vec<ClusterId> = (0..self.stored.len()).map(|i| ClusterId(i as u32)).collect();
         let mut rows = std::mem::take(&mut self.rows);
         let mut iterated = Iterated::default();
@@ -165,7 +163,7 @@ impl MemoryScene {
                 lights: &*self,
                 seed: SEED,
                 threshold,
-                cap_w_m2,
+                norm,
                 min_element_m: 0.0,
                 progress: &Quiet,
             };
@@ -193,8 +191,8 @@ impl MemoryScene {
                     refine::case(&context, &view, mesh, row.element as usize, row.rounds, row.fit)
                         .add_to(&mut iterated.error, !view.emits(mesh.elements[row.element as usize].name));
                 }
-                let [norm, lit, area] = refine::level(&view, mesh, cap_w_m2);
-                iterated.error.norm += norm;
+                let [squared, lit, area] = refine::level(&view, mesh, &norm);
+                iterated.error.norm += squared;
                 iterated.error.lit = [iterated.error.lit[0] + lit, iterated.error.lit[1] + area];
             }
         }
@@ -254,7 +252,7 @@ impl MemoryScene {
     /// Iterates as `merge` steers until the estimated error, with two standard errors of that, meets the tolerance and
     /// what is left to change is nothing beside it.
     pub fn solve(&mut self, tolerance: f64) -> Iterated {
-        let mut last = self.iterate(f64::INFINITY, f64::INFINITY);
+        let mut last = self.iterate(f64::INFINITY, Norm::UNKNOWN);
         for _ in 1..MOST_ITERATIONS {
             if last.error.rays > MOST_RAYS {
                 break;
@@ -270,8 +268,8 @@ impl MemoryScene {
             }
             let marked =
                 is_settled.then(|| oracle::threshold(&last.error.bins, excess * last.error.norm, last.error.rays));
-            let cap_w_m2 = if area > 0.0 { CAP * lit / area } else { f64::INFINITY };
-            last = self.iterate(marked.flatten().unwrap_or(f64::INFINITY), cap_w_m2);
+            let norm = Norm::of_mean(if area > 0.0 { lit / area } else { 0.0 });
+            last = self.iterate(marked.flatten().unwrap_or(f64::INFINITY), norm);
         }
         let (most, rays) = (last.most().sqrt(), last.error.rays);
         panic!("error of up to {most} for {tolerance} with {rays} rays");

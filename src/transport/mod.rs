@@ -10,6 +10,7 @@ pub mod measure;
 #[cfg(test)]
 mod memory_scene;
 pub mod nodes;
+pub mod norm;
 #[cfg(test)]
 mod occlusion_tests;
 pub mod oracle;

@@ -24,13 +24,15 @@ pub struct Offer {
     pub promise: f64,
     /// Rays.
     pub cost: f64,
+    /// What the error is worth where the element is.
+    pub urgency: f64,
 }
 
 impl Offer {
-    /// Promise a ray.
+    /// Promise a ray, where it is urgent more.
     #[must_use]
     pub fn rate(&self) -> f64 {
-        self.promise / self.cost
+        self.urgency * self.promise / self.cost
     }
 }
 
@@ -39,6 +41,8 @@ impl Offer {
 pub struct Case {
     /// Area of its element, m2, times the square of what its brightness counts.
     pub weight_m2: f64,
+    /// [`Norm::urgency`](crate::transport::norm::Norm::urgency) of its brightness.
+    pub urgency: f64,
     /// Levels of its element below the root.
     pub depth: u32,
     /// Whether `--min-element` keeps the element whole.
@@ -93,6 +97,7 @@ impl Case {
             act: Act::Cast,
             promise: DOUBLED * noise * self.weight_m2,
             cost: rays,
+            urgency: self.urgency,
         });
         // What casting can no longer mend, smaller elements share.
         let promise = if found > 0.0 {
@@ -107,6 +112,7 @@ impl Case {
             promise: promise * self.weight_m2,
             // Children take over what rays within them found.
             cost: 4.0 * ROUND * f64::from(rounds_of_children(self.rounds) - self.rounds / 4),
+            urgency: self.urgency,
         });
         match (cast, split) {
             (Some(cast), Some(split)) => Some(if cast.rate() >= split.rate() { cast } else { split }),
@@ -187,6 +193,7 @@ mod tests {
     fn structure_is_split_and_noise_cast() {
         let case = |found: f64, noise: f64, rounds: u16| Case {
             weight_m2: 2.0,
+            urgency: 1.0,
             depth: 3,
             is_smallest: false,
             rounds,
@@ -195,7 +202,7 @@ mod tests {
         assert_eq!(case(1.0, 0.1, 4).offer().unwrap().act, Act::Split);
         assert_eq!(case(0.0, 0.1, 4).offer().unwrap().act, Act::Cast, "not found");
         assert_eq!(case(0.0, 0.1, MOST_ROUNDS).offer().unwrap().act, Act::Split, "casting is used up");
-        assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 512.0 }));
+        assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 512.0, urgency: 1.0 }));
         assert_eq!(Case { depth: MAX_DEPTH, ..case(1.0, 0.0, 4) }.offer(), None);
     }
 }

@@ -6,7 +6,7 @@ use crate::base::{Error, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::rays::RayScene;
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
-use crate::transport::light::line::{Fit, Halves, Line};
+use crate::transport::light::line::{Fit, Halves};
 use crate::transport::light::lit::Lights;
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::measure::{hemisphere, lamps};
@@ -14,6 +14,7 @@ use crate::transport::nodes::frame::{Frame, Plane};
 use crate::transport::nodes::grading;
 use crate::transport::nodes::mesh::{Mesh, MeshRow};
 use crate::transport::nodes::places::{Draws, Places};
+use crate::transport::norm::Norm;
 use crate::transport::oracle::{ACTS, Act, Case, FIRST_ROUNDS, MOST_ROUNDS, rounds_of_children};
 use crate::transport::row::{Found, Part, Row, add, slots};
 use crate::transport::source::{ClusterView, Clusters, exitance};
@@ -30,8 +31,8 @@ pub struct Context<'a> {
     pub seed: u64,
     /// What is done promises at least so much a ray; infinite where nothing is to be done.
     pub threshold: f64,
-    /// What is brighter counts no more than this, W/m2.
-    pub cap_w_m2: f64,
+    /// What light counts.
+    pub norm: Norm,
     /// `--min-element`, m, or 0.
     pub min_element_m: f64,
     /// Where interruption is asked for.
@@ -366,8 +367,10 @@ pub fn case(context: &Context<'_>, view: &ClusterView<'_>, mesh: &Mesh, element:
     let is_smallest = context.min_element_m > 0.0
         && Node::at(view.id, &view.geometry.patches[usize::from(side.patch)], of.name)
             .is_smallest(context.min_element_m);
+    let bright_w_m2 = of.line.mean.norm_squared().max(fit.line.mean.norm_squared()).sqrt();
     Case {
-        weight_m2: weight(of.area_m2, &of.line, &fit, context.cap_w_m2),
+        weight_m2: of.area_m2 * context.norm.counts(bright_w_m2).powi(2),
+        urgency: context.norm.urgency(bright_w_m2),
         depth: of.name.depth(),
         is_smallest,
         rounds,
@@ -375,26 +378,19 @@ pub fn case(context: &Context<'_>, view: &ClusterView<'_>, mesh: &Mesh, element:
     }
 }
 
-/// Area times the square of what its light counts: what is over the cap counts no more.
-fn weight(area_m2: f64, light: &Line, fit: &Fit, cap_w_m2: f64) -> f64 {
-    let bright = light.mean.norm_squared().max(fit.line.mean.norm_squared()).sqrt();
-    let counts = if bright > cap_w_m2 { cap_w_m2 / bright } else { 1.0 };
-    area_m2 * counts * counts
-}
-
 /// Sums over a cluster's leaves: what they receive, as the norm counts it.
 #[must_use]
-pub fn level(view: &ClusterView<'_>, mesh: &Mesh, cap_w_m2: f64) -> [f64; 3] {
+pub fn level(view: &ClusterView<'_>, mesh: &Mesh, norm: &Norm) -> [f64; 3] {
     let (mut squared, mut lit, mut area) = (0.0, 0.0, 0.0);
     for leaf in mesh.elements.iter().filter(|e| e.is_leaf() && !view.emits(e.name)) {
         let bright = leaf.line.mean.norm_squared().sqrt();
         if bright <= 0.0 {
             continue;
         }
-        squared += leaf.area_m2 * bright.min(cap_w_m2).powi(2);
-        // A thousandth of the mean is dark.
-        if bright > 1e-4 * cap_w_m2 || cap_w_m2 == f64::INFINITY {
-            lit += leaf.area_m2 * bright.min(cap_w_m2);
+        let counts = bright * norm.counts(bright);
+        squared += leaf.area_m2 * counts.powi(2);
+        if !norm.is_dark(bright) {
+            lit += leaf.area_m2 * counts;
             area += leaf.area_m2;
         }
     }

@@ -20,7 +20,8 @@ use crate::base::{ClusterId, Error, Progress, Result};
 use crate::geom::sequence::mix;
 use crate::model::audit::{Audit, AuditFigures, WorstPlace};
 use crate::store::Store;
-use crate::transport::measure::audit::{Known, Norm, Sums};
+use crate::transport::measure::audit::{Known, Sums};
+use crate::transport::norm::Norm;
 
 /// How to audit.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,7 +97,7 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
     Ok(Plan {
         store,
         options: options.clone(),
-        norm: Norm { lit_mean_w_m2: end.lit_mean_w_m2 },
+        norm: Norm::of_mean(end.lit_mean_w_m2),
         estimated_nrms: figures.map(|f| f.steering.estimated_nrms),
         promised,
         version,
@@ -139,7 +140,7 @@ impl Plan<'_> {
     /// Draws and measures places; gives the norm of all leaves besides.
     fn look(&self, progress: &dyn Progress) -> Result<(Found, f64)> {
         let mut found = Found::default();
-        if self.norm.lit_mean_w_m2 <= 0.0 {
+        if self.norm == Norm::UNKNOWN {
             return Ok((found, 0.0));
         }
         let sums = self.sums(progress)?;

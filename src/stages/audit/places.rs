@@ -10,8 +10,9 @@ use crate::stages::leaves::lines_of_side;
 use crate::stages::ray_scene::OpenScene;
 use crate::stages::working_set::WorkingSet;
 use crate::transport::light::at::SideLight;
-use crate::transport::measure::audit::{self, Finding, Leaf, Norm, Sums, Tally};
+use crate::transport::measure::audit::{self, Finding, Leaf, Sums, Tally};
 use crate::transport::nodes::mesh::Mesh;
+use crate::transport::norm::Norm;
 use crate::transport::source::Loaded;
 
 /// Worst places that are named.

@@ -11,25 +11,13 @@ use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::transport::light::lit::Lights;
 use crate::transport::nodes::mesh::Mesh;
+use crate::transport::norm::Norm;
 use crate::transport::source::{ClusterView, Clusters, exitance};
 use glam::DVec3;
 
-/// What light counts in the norm of `--tolerance`, from the mean of what is lit, W/m2.
-#[derive(Clone, Copy, Debug)]
-pub struct Norm {
-    /// Mean irradiance of what is lit and does not emit, W/m2.
-    pub lit_mean_w_m2: f64,
-}
-
-/// Brightness, in means, beyond which light counts no more, and below which a place is dark and apart.
-const COUNTS: (f64, f64) = (10.0, 1e-3);
-
-impl Norm {
-    /// What light of that brightness (norm over RGB, W/m2) is multiplied by; 0 for what is dark.
-    #[must_use]
-    pub fn factor(&self, bright: f64) -> f64 {
-        if bright < COUNTS.1 * self.lit_mean_w_m2 { 0.0 } else { (COUNTS.0 * self.lit_mean_w_m2 / bright).min(1.0) }
-    }
+/// What light of a place counts; what is dark counts nothing.
+fn factor(norm: &Norm, bright_w_m2: f64) -> f64 {
+    if norm.is_dark(bright_w_m2) { 0.0 } else { norm.counts(bright_w_m2) }
 }
 
 /// A leaf that places are drawn from.
@@ -57,7 +45,7 @@ pub fn leaves(view: &ClusterView<'_>, mesh: &Mesh, norm: &Norm) -> Vec<Leaf> {
             continue;
         }
         let squared = element.line.mean.norm_squared();
-        let factor = norm.factor(squared.sqrt());
+        let factor = factor(norm, squared.sqrt());
         is_lit[side] |= factor > 0.0;
         leaves.push(Leaf {
             element: at,
@@ -181,7 +169,7 @@ impl Finding {
     #[must_use]
     pub fn new(stored: Rgb, measured: &Measured, leaf: &Leaf, norm: &Norm) -> Self {
         let [a, b] = measured.halves;
-        let factor = norm.factor(((a + b) * 0.5).norm_squared().sqrt());
+        let factor = factor(norm, ((a + b) * 0.5).norm_squared().sqrt());
         let sum = |light: Rgb| factor * light.dot(Rgb::grey(1.0));
         Self {
             error: factor * factor * (a - stored).dot(b - stored),
@@ -303,7 +291,7 @@ mod tests {
                     // Each half is off by 5 % of its own.
                     let halves = [1, 2].map(|half| grey(1.0 + 0.05 * normal(own ^ half)));
                     let measured = Measured { halves, carried: grey(1.0 + 0.3 * normal(own ^ 3)) };
-                    let norm = Norm { lit_mean_w_m2: 1.0 };
+                    let norm = Norm::of_mean(1.0);
                     tally.add(&Finding::new(grey(1.0 + off), &measured, leaf, &norm), leaf.density(&sums, counts));
                 }
             }
@@ -314,11 +302,5 @@ mod tests {
         }
         assert!(within >= 17, "{within} of 20");
         assert!((0.02..0.2).contains(&errors), "{errors}");
-    }
-
-    #[test]
-    fn light_counts_up_to_ten_means_and_not_below_a_thousandth() {
-        let norm = Norm { lit_mean_w_m2: 2.0 };
-        assert_eq!([0.0, 0.001, 0.003, 20.0, 40.0].map(|bright| norm.factor(bright)), [0.0, 0.0, 1.0, 1.0, 0.5]);
     }
 }
