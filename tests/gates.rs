@@ -1,10 +1,12 @@
 //! Gates: scenes whose light is known exactly, solved by the program at its default settings unless a
-//! test says otherwise. Beside it: leaks, what links must keep to, rigid motion.
+//! test says otherwise. Beside it: points in the open, leaks, what links must keep to, rigid motion.
 
 #[path = "gates/clutter.rs"]
 mod clutter;
 #[path = "gates/contact.rs"]
 mod contact;
+#[path = "gates/free.rs"]
+mod free;
 #[path = "gates/leaks.rs"]
 mod leaks;
 #[path = "gates/links.rs"]

@@ -491,10 +491,12 @@ pub struct SampleArgs {
     pub points: PathBuf,
     #[command(flatten)]
     pub output: OutputFlags,
-    /// Read what the stored solution says there, instead of measuring at each point
+    /// Read what the stored solution says there, instead of measuring at each point; it says nothing of points on no
+    /// surface
     #[arg(long)]
     pub stored: bool,
-    /// Points this near to a surface are on it, m or with a unit [default: 1e-5 of the bounding diagonal, at most 1 mm]
+    /// Points this near to a surface that faces their way are on it, others in the open, m or with a unit [default: 1e-5
+    /// of the bounding diagonal, at most 1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub snap: Option<f64>,
     /// Solution version [default: newest]

@@ -86,9 +86,10 @@ pub fn solve_group(s: &solve_group::Summary) -> Vec<String> {
 #[must_use]
 pub fn sample(s: &sample::Summary) -> Vec<String> {
     vec![format!(
-        "{} points, {} answered, {} on no surface; lux by 179 lm/W",
+        "{} points, {} on surfaces, {} in the open, {} unanswered; lux by 179 lm/W",
         thousands(s.points),
-        thousands(s.answered),
+        thousands(s.answered - s.free),
+        thousands(s.free),
         thousands(s.unanswered)
     )]
 }

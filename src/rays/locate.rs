@@ -1,4 +1,4 @@
-//! Which patch side a point lies on.
+//! Which patch side a point lies on, and where it lies if it is none's.
 
 use std::cell::RefCell;
 
@@ -114,6 +114,34 @@ impl RayScene<'_> {
             false
         });
         best.into_inner().map(|(_, _, place)| place)
+    }
+
+    /// A point that faces along none of the faces within the snap length of it (a grid that ends in a wall), moved to
+    /// their fronts: which of its rays meet them is no matter of rounding.
+    #[must_use]
+    pub fn off_surfaces(&self, point: DVec3) -> DVec3 {
+        let near: RefCell<Vec<(PatchKey, DVec3, DVec3)>> = RefCell::default();
+        let bounds = Bounds { min: point - self.snap_m, max: point + self.snap_m };
+        self.any_in_box_of(&bounds, |of, patch| {
+            let front = patch_normal(patch);
+            let (outside, off) = distances(patch, front, point);
+            if outside <= self.snap_m && off <= self.snap_m {
+                near.borrow_mut().push((of.key(patch), front, corners_of(patch)[0]));
+            }
+            false
+        });
+        let mut near = near.into_inner();
+        near.sort_by_key(|(key, ..)| *key);
+        let (mut moved, mut fronts) = (point, Vec::<DVec3>::new());
+        for (_, front, corner) in near {
+            let height_m = front.dot(moved - corner);
+            // Not back to where the first of two faces that turn their backs on each other has it from.
+            if height_m < self.snap_m && fronts.iter().all(|other| other.dot(front) > -PARALLEL) {
+                moved += front * (self.snap_m - height_m);
+                fronts.push(front);
+            }
+        }
+        moved
     }
 
     /// Faces that coincide with a node's side and are seen instead of it.

@@ -1,4 +1,4 @@
-//! Nodes as geometry: an element's shape, the side that takes part, and how rays know it.
+//! Nodes as geometry: an element's shape, the side that takes part, and how rays know it; places that rays start from.
 
 use glam::DVec3;
 
@@ -22,7 +22,24 @@ pub struct Node {
     pub end: RayEnd,
 }
 
+/// Where light arrives: a place with the way that it faces.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet<'a> {
+    /// The place, m.
+    pub place: DVec3,
+    /// Unit normal.
+    pub normal: DVec3,
+    /// The patch that it lies on; none in the open.
+    pub on: Option<&'a RayEnd>,
+}
+
 impl Node {
+    /// A place of its side.
+    #[must_use]
+    pub fn facet(&self, place: DVec3) -> Facet<'_> {
+        Facet { place, normal: self.normal, on: Some(&self.end) }
+    }
+
     /// The whole of a patch side.
     #[must_use]
     pub fn root(cluster: ClusterId, patch: &PatchRecord, at: PatchSide) -> Self {

@@ -115,12 +115,16 @@ impl RayScene<'_> {
         })
     }
 
-    /// Whether anything lies between two points on two patches, or those coincide; neither patch counts.
+    /// Whether anything lies between a point, of a patch or free, and one of another patch, or those patches coincide;
+    /// neither of them counts.
     #[must_use]
-    pub fn blocked(&self, from: DVec3, to: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
+    pub fn blocked(&self, from: DVec3, to: DVec3, start: Option<&RayEnd>, end: &RayEnd) -> bool {
         // Nothing passes between faces that coincide, whatever rounding has put between them.
-        let gap = (to - from).dot(start.normal).abs();
-        if gap <= self.snap_m && start.normal.dot(end.normal).abs() > PARALLEL {
+        let coincide = |start: &RayEnd| {
+            let gap = (to - from).dot(start.normal).abs();
+            gap <= self.snap_m && start.normal.dot(end.normal).abs() > PARALLEL
+        };
+        if start.is_some_and(coincide) {
             return true;
         }
         cast(Segment { scene: self, from, along: to - from, start, end })
@@ -176,12 +180,12 @@ pub enum Nearest {
     Covered,
 }
 
-/// A ray between two patches.
+/// A ray from a patch (if any) to another.
 struct Segment<'s, 'a> {
     scene: &'s RayScene<'a>,
     from: DVec3,
     along: DVec3,
-    start: &'s RayEnd,
+    start: Option<&'s RayEnd>,
     end: &'s RayEnd,
 }
 
@@ -191,12 +195,13 @@ impl Cast for Segment<'_, '_> {
     #[inline(always)]
     fn cast<L: Lanes>(self, lanes: L) -> bool {
         let Self { scene, from, along, start, end } = self;
-        let (before, after) = (scene.reach(along, start), scene.reach(along, end));
+        let (before, after) = (start.map_or(0.0, |s| scene.reach(along, s)), scene.reach(along, end));
         let blocks = |key: PatchKey, patch: &RayPatch, t: f64| {
-            if key == start.face.key || key == end.face.key {
+            if start.is_some_and(|s| key == s.face.key) || key == end.face.key {
                 return false;
             }
-            if t <= before
+            if let Some(start) = start
+                && t <= before
                 && let Some(covers) = scene.covers(along, t, start, key, patch, true)
             {
                 return covers;

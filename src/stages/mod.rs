@@ -9,6 +9,7 @@ pub mod gc;
 pub mod group_links;
 pub mod group_solver;
 pub mod ingest;
+pub mod lamps;
 pub mod leaves;
 pub mod link_extent;
 pub mod merge;

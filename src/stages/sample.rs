@@ -1,4 +1,4 @@
-//! `sample`: irradiance and lux at sensor points on surfaces.
+//! `sample`: irradiance and lux at sensor points, on surfaces and in the open.
 
 use std::io::Write;
 use std::path::Path;
@@ -33,7 +33,9 @@ pub struct Summary {
     pub points: u64,
     /// Points with an answer.
     pub answered: u64,
-    /// Points on no surface.
+    /// Those of them on no surface.
+    pub free: u64,
+    /// Points without one: what is stored says nothing of those on no surface.
     pub unanswered: u64,
 }
 
@@ -63,13 +65,14 @@ pub fn execute(
     with_scene(&set, |open| {
         let (mut measured, mut stored) =
             (PointLight::new(&set, open.scene, tolerance), StoredLight::new(&set, HELD_BYTES));
-        let mut light = |place: Place, point: DVec3| match options.is_stored {
-            true => stored.irradiance(
-                ClusterId(place.key.cluster),
-                PatchSide { patch: place.key.patch as u8, side: place.side },
-                point,
-            ),
-            false => measured.irradiance(place, point),
+        let mut light = |place: Option<Place>, point: DVec3, normal: DVec3| match (place, options.is_stored) {
+            (Some(place), true) => {
+                let side = PatchSide { patch: place.key.patch as u8, side: place.side };
+                stored.irradiance(ClusterId(place.key.cluster), side, point).map(Some)
+            }
+            (None, true) => Ok(None),
+            (Some(place), false) => measured.on(place, point).map(Some),
+            (None, false) => measured.free(point, normal).map(Some),
         };
         answer(open, &mut light, (&facts, snap_m), points, out, progress)
     })
@@ -77,7 +80,7 @@ pub fn execute(
 
 fn answer(
     open: &OpenScene<'_>,
-    light: &mut dyn FnMut(Place, DVec3) -> Result<Rgb>,
+    light: &mut dyn FnMut(Option<Place>, DVec3, DVec3) -> Result<Option<Rgb>>,
     (facts, snap_m): (&ModelFacts, f64),
     points: &mut dyn Iterator<Item = Result<SensorPoint>>,
     out: &mut dyn Write,
@@ -100,12 +103,14 @@ fn answer(
         summary.points += 1;
         let [x, y, z] = point.position;
         let [nx, ny, nz] = point.normal;
-        let answer = open.scene.locate(at, normal, snap_m).map(|place| light(place, at));
+        let place = open.scene.locate(at, normal, snap_m);
+        let answer = light(place, at, normal);
         open.look.verdict()?;
-        let answer = match answer {
+        let answer = match answer? {
             Some(irradiance) => {
                 summary.answered += 1;
-                let irradiance = Rgb::from_f32(irradiance?.to_f32());
+                summary.free += u64::from(place.is_none());
+                let irradiance = Rgb::from_f32(irradiance.to_f32());
                 let [r, g, b] = irradiance.to_f32();
                 format!("{r},{g},{b},{}", lux(irradiance) as f32)
             }

@@ -16,6 +16,8 @@ mod occlusion_tests;
 pub mod oracle;
 #[cfg(test)]
 mod physics_tests;
+#[cfg(test)]
+mod point_tests;
 pub mod records;
 pub mod refine;
 pub mod row;

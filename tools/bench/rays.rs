@@ -188,7 +188,7 @@ fn measure(name: &str, scene: &RayScene<'_>, sides: &[Side]) {
     }
     let mut ours = |of: &Segment| {
         let end = RayEnd { face: Face { front: false, ..sides[of.end].end.face }, ..sides[of.end].end };
-        scene.blocked(of.from, of.from + of.along, &sides[of.start].end, &end)
+        scene.blocked(of.from, of.from + of.along, Some(&sides[of.start].end), &end)
     };
     let [own, theirs] = race(&segments, [&mut ours, &mut |of| other.blocked(of)]);
     print(name, "shadow_rays_per_s_core", own.0, "1/s");

@@ -100,6 +100,11 @@ fn walk(
     false
 }
 
+/// Whether two patches that a segment joins coincide.
+pub(super) fn coincide(scene: &RayScene<'_>, along: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
+    along.dot(start.normal).abs() <= scene.snap_m && start.normal.dot(end.normal).abs() > PARALLEL
+}
+
 impl Trees {
     fn visit(
         &self,
@@ -121,19 +126,28 @@ impl Trees {
         });
     }
 
-    pub(super) fn blocked(&self, scene: &RayScene<'_>, [from, to]: [DVec3; 2], start: &RayEnd, end: &RayEnd) -> bool {
-        let gap = (to - from).dot(start.normal).abs();
-        if gap <= scene.snap_m && start.normal.dot(end.normal).abs() > PARALLEL {
+    pub(super) fn blocked(
+        &self,
+        scene: &RayScene<'_>,
+        [from, to]: [DVec3; 2],
+        start: Option<&RayEnd>,
+        end: &RayEnd,
+    ) -> bool {
+        if start.is_some_and(|start| coincide(scene, to - from, start, end)) {
             return true;
         }
         let ray = Ray::new(from, to - from);
-        let (before, after) = (scene.reach(ray.along, start), scene.reach(ray.along, end));
+        let before = start.map_or(0.0, |s| scene.reach(ray.along, s));
+        let after = scene.reach(ray.along, end);
         let mut blocked = false;
         self.visit(&ray, -before, 1.0 + after, |key, patch, t, _| {
-            let at_start = || (t <= before).then(|| scene.covers(ray.along, t, start, key, patch, true)).flatten();
+            let at_start = || {
+                let near_start = start.filter(|_| t <= before);
+                near_start.and_then(|start| scene.covers(ray.along, t, start, key, patch, true))
+            };
             let at_end =
                 || (t >= 1.0 - after).then(|| scene.covers(ray.along, 1.0 - t, end, key, patch, false)).flatten();
-            let is_own = key == start.face.key || key == end.face.key;
+            let is_own = start.is_some_and(|start| key == start.face.key) || key == end.face.key;
             blocked = !is_own && at_start().or_else(at_end).unwrap_or(t > 0.0 && t < 1.0);
             blocked
         });

@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec3};
 
-use super::reference::Trees;
+use super::reference::{Trees, coincide};
 use super::{Face, Nearest, Open, RayEnd, Segment, patch_normal};
 use crate::geom::bounds::Bounds;
 use crate::geom::sequence::mix;
@@ -153,12 +153,11 @@ fn agree(seed: u64, frame: Frame, clusters: usize, most: usize) -> usize {
             assert_eq!(bits(&found), bits(&expected), "seed {seed}: {found:?}, {expected:?}");
         }
         met += usize::from(matches!(expected, Nearest::Met(_)));
-        let expected = trees.blocked(&scene, [from, to], start, end);
-        assert_eq!(scene.blocked(from, to, start, end), expected, "seed {seed}");
+        let expected = trees.blocked(&scene, [from, to], start_or_none, end);
+        assert_eq!(scene.blocked(from, to, start_or_none, end), expected, "seed {seed}");
         // What coincides is no matter of traversal.
-        let gap = (to - from).dot(start.normal).abs();
-        if gap > scene.snap_m() {
-            let segment = Segment { scene: &scene, from, along: to - from, start, end };
+        if !start_or_none.is_some_and(|start| coincide(&scene, to - from, start, end)) {
+            let segment = Segment { scene: &scene, from, along: to - from, start: start_or_none, end };
             assert_eq!(segment.cast(Plain), expected, "seed {seed}");
         }
     }

@@ -3,15 +3,14 @@
 //! Two passes: over all clusters for what places are drawn by (some numbers a cluster stay in memory), then over those
 //! that places were drawn in. It writes what it found into the catalogue, and nothing reads that but who reports it.
 
-mod lamps;
 mod places;
 pub mod words;
 
 use serde::Serialize;
 
-use self::lamps::LampsInSight;
 use self::places::{Drawing, Found, Place};
 use super::entry;
+use super::lamps::LampsInSight;
 use super::ray_scene::with_scene;
 use super::working_set::WorkingSet;
 use crate::base::memory::MemoryBudget;

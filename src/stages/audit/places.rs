@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::lamps::LampsInSight;
 use crate::base::{ClusterId, Result, Rgb};
 use crate::geom::sequence::{mix, unit};
 use crate::rays::node::Node;
+use crate::stages::lamps::LampsInSight;
 use crate::stages::leaves::lines_of_side;
 use crate::stages::ray_scene::OpenScene;
 use crate::stages::working_set::WorkingSet;

@@ -67,7 +67,8 @@ impl Check<'_> {
             if let Some(aim) = &aim {
                 for index in 0..RAYS[0] {
                     let numbers = sequence.point(index);
-                    if let Some((lamp, factor)) = self.lamps.reach(&self.scene, aim, (node, place), numbers, rays) {
+                    if let Some((lamp, factor)) = self.lamps.reach(&self.scene, aim, &node.facet(place), numbers, rays)
+                    {
                         *sum += Rgb::from_f32((self.exitance)(lamp)?) * (factor / RAYS[0] as f64);
                     }
                 }

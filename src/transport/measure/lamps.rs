@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
-use crate::rays::node::Node;
+use crate::rays::node::{Facet, Node};
 use crate::rays::{RayEnd, RayScene};
 use crate::transport::kernel::form_factor::point_to_polygon;
 use crate::transport::nodes::places::{Draws, Places};
@@ -226,20 +226,20 @@ impl LightTree {
         (aim.sum > 0.0).then_some(aim)
     }
 
-    /// Casts a ray from a place of a node's side by four numbers in 0..1. Gives the lamp that it reached, and the
+    /// Casts a ray from a place by four numbers in 0..1. Gives the lamp that it reached, and the
     /// irradiance that it stands for at an exitance of 1, were it the only ray. Counts it.
     pub fn reach(
         &self,
         scene: &RayScene<'_>,
         aim: &Aim,
-        (node, from): (&Node, DVec3),
+        &Facet { place, normal, on }: &Facet<'_>,
         [x, u, v, choice]: [f64; 4],
         rays: &mut u64,
     ) -> Option<(NodeName, f64)> {
-        let (lamp, brings) = self.draw(aim, from, node.normal, x)?;
-        let to = place_of(lamp, from, node.normal, [u, v], choice);
+        let (lamp, brings) = self.draw(aim, place, normal, x)?;
+        let to = place_of(lamp, place, normal, [u, v], choice);
         *rays += 1;
-        let is_free = !scene.blocked(from, to, &node.end, &lamp.end);
+        let is_free = !scene.blocked(place, to, on, &lamp.end);
         is_free.then(|| (lamp.name, brings / lamp.exitance))
     }
 
@@ -428,7 +428,7 @@ pub fn cast(
             let Some(aim) = tree.aim_among(&candidates, from, node.normal) else { continue };
             for half in 0..2 {
                 let numbers = draws.draw(half, place, u32::from(round));
-                if let Some((lamp, factor)) = tree.reach(scene, &aim, (node, from), numbers, &mut cast.rays) {
+                if let Some((lamp, factor)) = tree.reach(scene, &aim, &node.facet(from), numbers, &mut cast.rays) {
                     cast.shares.push(Share {
                         lamp,
                         slot: slot(place, half),

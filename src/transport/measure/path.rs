@@ -75,7 +75,7 @@ impl Paths<'_> {
             let lamps = (self.lamps)(at.cluster)?;
             if let Some(aim) = lamps.tree.aim(place, node.normal)
                 && let Some((lamp, factor)) =
-                    lamps.tree.reach(&self.scene, &aim, (&node, place), numbers.next(), &mut 0)
+                    lamps.tree.reach(&self.scene, &aim, &node.facet(place), numbers.next(), &mut 0)
             {
                 sum += weight.times(Rgb::from_f32(exitance(self.clusters, lamp)?)) * factor;
             }

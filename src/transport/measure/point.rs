@@ -1,13 +1,12 @@
-//! The light at a point of a surface, measured anew: rays to lamps, and rays over the hemisphere that read the stored
+//! The light at a point of a surface or in the open, measured anew: rays to lamps, and rays over the hemisphere that read the stored
 //! light where they end.
 
-use glam::DVec3;
-
-use super::lamps::LightTree;
+use super::check::Met;
+use super::path::InSight;
 use crate::base::{ClusterId, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
 use crate::rays::RayScene;
-use crate::rays::node::Node;
+use crate::rays::node::Facet;
 use crate::rays::traverse::Nearest;
 use crate::transport::light::lit::Lights;
 use crate::transport::source::{Clusters, exitance};
@@ -57,12 +56,12 @@ impl Sum {
 }
 
 impl Gather<'_> {
-    /// Irradiance at a point of an element's side, W/m2; `lamps` are those that it may see. Counts rays.
-    pub fn at(&self, node: &Node, point: DVec3, lamps: &LightTree, rays: &mut u64) -> Result<Rgb> {
-        let seed = mix(mix_point(point));
+    /// Irradiance, W/m2; rays are sent to `lamps`. Counts rays.
+    pub fn at(&self, facet: &Facet<'_>, lamps: &InSight, rays: &mut u64) -> Result<Rgb> {
+        let seed = mix(mix_point(facet.place));
         let (to_lamps, over) = (Sequence::new(seed), Sequence::new(mix(seed ^ 1)));
         let (mut direct, mut indirect) = (Sum::default(), Sum::default());
-        let aim = lamps.aim(point, node.normal);
+        let aim = lamps.tree.aim(facet.place, facet.normal);
         for batch in 0..BATCHES.1 {
             let enough = self.tolerance.powi(2) * (direct.mean() + indirect.mean()).norm_squared();
             let is_early = batch < BATCHES.0;
@@ -70,7 +69,7 @@ impl Gather<'_> {
                 for index in direct.rays..direct.rays + BATCH {
                     let reached = aim
                         .as_ref()
-                        .and_then(|aim| lamps.reach(&self.scene, aim, (node, point), to_lamps.point(index), rays));
+                        .and_then(|aim| lamps.tree.reach(&self.scene, aim, facet, to_lamps.point(index), rays));
                     let Some((lamp, factor)) = reached else {
                         direct.add(Rgb::BLACK);
                         continue;
@@ -80,19 +79,50 @@ impl Gather<'_> {
             }
             if is_early || indirect.variance() > 0.5 * enough {
                 for index in indirect.rays..indirect.rays + BATCH {
-                    let [u, v, ..] = over.point(index);
-                    let direction = cosine_direction(node.normal, u, v);
                     *rays += 1;
-                    indirect.add(match self.scene.nearest(point, direction, Some(&node.end)) {
-                        Nearest::Met(hit) => {
-                            let lit = self.lights.lit(ClusterId(hit.key.cluster))?;
-                            Rgb::from_f32(lit.leaving_at(hit.side(), point + direction * hit.t))
-                        }
-                        Nearest::Escaped | Nearest::Covered => Rgb::BLACK,
+                    indirect.add(match self.met(facet, over.point(index), index) {
+                        Some(met) => self.leaving(facet, lamps, &met)?,
+                        None => Rgb::BLACK,
                     });
                 }
             }
         }
         Ok(direct.mean() + indirect.mean())
+    }
+
+    /// Where a ray over the hemisphere ends, by numbers in 0..1.
+    fn met(&self, facet: &Facet<'_>, [u, v, ..]: [f64; 4], index: u64) -> Option<Met> {
+        let direction = cosine_direction(facet.normal, u, v);
+        match self.scene.nearest(facet.place, direction, facet.on) {
+            Nearest::Met(hit) => {
+                let place = facet.place + direction * hit.t;
+                Some(Met { index, cluster: ClusterId(hit.key.cluster), side: hit.side(), place })
+            }
+            Nearest::Escaped | Nearest::Covered => None,
+        }
+    }
+
+    /// What leaves there that rays to lamps do not bring, W/m2.
+    fn leaving(&self, facet: &Facet<'_>, lamps: &InSight, met: &Met) -> Result<Rgb> {
+        let stored = Rgb::from_f32(self.lights.lit(met.cluster)?.leaving_at(met.side, met.place));
+        // A surface has a list of its own, as the stored light has; a point in the open has those of others.
+        Ok(if facet.on.is_some() { stored } else { stored + lamps.missed(self.clusters, met)? })
+    }
+
+    /// Clusters around a point in the open, ascending: those that a batch of rays meets, in front and behind. Behind it
+    /// lies what sees its lamps past it.
+    #[must_use]
+    pub fn around(&self, facet: &Facet<'_>, rays: &mut u64) -> Vec<ClusterId> {
+        let ways = Sequence::new(mix(mix(mix_point(facet.place)) ^ 2));
+        let behind = Facet { normal: -facet.normal, ..*facet };
+        *rays += BATCH;
+        let met = (0..BATCH).filter_map(|index| {
+            let half = if index.is_multiple_of(2) { facet } else { &behind };
+            self.met(half, ways.point(index), index)
+        });
+        let mut clusters: Vec<ClusterId> = met.map(|met| met.cluster).collect();
+        clusters.sort_unstable();
+        clusters.dedup();
+        clusters
     }
 }

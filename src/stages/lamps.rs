@@ -1,4 +1,5 @@
-//! Light trees of the lamps in sight of clusters, held as far as there is room: clusters of a room share theirs.
+//! Light trees of the lamps in sight of clusters, held as far as there is room: clusters of a room share theirs, and so do
+//! points between them.
 
 use std::cell::RefCell;
 use std::num::NonZeroUsize;
@@ -6,8 +7,8 @@ use std::rc::Rc;
 
 use lru::LruCache;
 
+use super::working_set::WorkingSet;
 use crate::base::{ClusterId, Result};
-use crate::stages::working_set::WorkingSet;
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::measure::path::InSight;
 
@@ -37,7 +38,22 @@ impl<'a, 's> LampsInSight<'a, 's> {
 
     /// Those of a cluster.
     pub fn of(&self, id: ClusterId) -> Result<Rc<InSight>> {
-        let names = self.names_of(id)?;
+        self.lamps(self.names_of(id)?)
+    }
+
+    /// Those of any of some clusters, and theirs own.
+    pub fn of_any(&self, ids: &[ClusterId]) -> Result<Rc<InSight>> {
+        let emitters = self.set.emitters()?;
+        let mut names: Vec<ClusterId> = ids.iter().copied().filter(|id| emitters.any_of(id.0)).collect();
+        for &id in ids {
+            names.extend(self.names_of(id)?.iter());
+        }
+        names.sort_unstable();
+        names.dedup();
+        self.lamps(Rc::new(names))
+    }
+
+    fn lamps(&self, names: Names) -> Result<Rc<InSight>> {
         let (held, bytes) = &mut *self.trees.borrow_mut();
         if let Some(known) = held.get(&names) {
             return Ok(known.clone());
