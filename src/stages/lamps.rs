@@ -41,7 +41,7 @@ impl<'a, 's> LampsInSight<'a, 's> {
         self.lamps(self.names_of(id)?)
     }
 
-    /// Those of any of some clusters, and theirs own.
+    /// Those of any of some clusters, and their own.
     pub fn of_any(&self, ids: &[ClusterId]) -> Result<Rc<InSight>> {
         let emitters = self.set.emitters()?;
         let mut names: Vec<ClusterId> = ids.iter().copied().filter(|id| emitters.any_of(id.0)).collect();
