@@ -14,6 +14,15 @@ const POINT: f64 = 0.01;
 /// Half the edge of the lamp, and how high it hangs, m.
 const LAMP: (f64, f64) = (0.2, 2.4);
 
+/// Adds a square that faces down, by its middle and half its edge.
+fn write_lamp(obj: &mut String, [x, y, z]: [f64; 3], half: f64) {
+    writeln!(obj, "o lamp\nusemtl lamp").unwrap();
+    for (dx, dy) in [(-half, -half), (-half, half), (half, half), (half, -half)] {
+        writeln!(obj, "v {} {} {z}", x + dx, y + dy).unwrap();
+    }
+    writeln!(obj, "f -4 -3 -2 -1").unwrap();
+}
+
 /// A room of 4 x 3 x 2.5 m with a square lamp that faces down from its middle, exitance 1 W/m2, and a closed crate, solved.
 fn room(rho: f64) -> Solved {
     let dir = tempfile::tempdir().unwrap();
@@ -21,12 +30,7 @@ fn room(rho: f64) -> Solved {
     let mut obj = String::new();
     write_box(&mut obj, "wall", (DVec3::ZERO, DVec3::new(4.0, 3.0, 2.5)), (true, false), |p| p);
     write_box(&mut obj, "crate", (DVec3::splat(0.2), DVec3::new(1.0, 0.9, 0.8)), (false, false), |p| p);
-    let (half, z) = LAMP;
-    writeln!(obj, "o lamp\nusemtl lamp").unwrap();
-    for (x, y) in [(-half, -half), (-half, half), (half, half), (half, -half)] {
-        writeln!(obj, "v {} {} {z}", 2.0 + x, 1.5 + y).unwrap();
-    }
-    writeln!(obj, "f -4 -3 -2 -1").unwrap();
+    write_lamp(&mut obj, [2.0, 1.5, LAMP.1], LAMP.0);
     std::fs::write(&model, obj).unwrap();
     solve_file(&model, Some(&grey(rho, &[("lamp", 1.0)])), &["--quality", "final"])
 }
@@ -63,6 +67,22 @@ fn a_facet_under_a_small_lamp_in_a_black_room_receives_the_form_factor_and_one_t
         wrong.relative(&format!("{x} {y} {z}"), got, expected, POINT);
     }
     assert_eq!(solved.irradiance_at(&facing(-1.0)), [0.0; 5]);
+    wrong.assert_none();
+}
+
+/// Nothing lies behind these points whose list would name the lamp; far below it, rays around a point do not meet it either.
+#[test]
+fn a_facet_with_nothing_but_a_lamp_around_receives_the_form_factor() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, mut obj) = (dir.path().join("lamp.obj"), String::new());
+    write_lamp(&mut obj, [0.0; 3], 1.0);
+    std::fs::write(&model, obj).unwrap();
+    let (solved, mut wrong) = (solve_file(&model, Some(&grey(0.0, &[("lamp", 1.0)])), &[]), Wrong::default());
+    let below_it = [(1.0, POINT), (2.0, POINT), (5.0, 3.0 * POINT)];
+    let got = solved.irradiance_at(&points(&below_it.map(|(height, _)| [0.0, 0.0, -height, 0.0, 0.0, 1.0])));
+    for ((height, share), got) in below_it.into_iter().zip(got) {
+        wrong.relative(&format!("{height} m below"), got, below([[-1.0; 2], [1.0; 2]], height), share);
+    }
     wrong.assert_none();
 }
 
