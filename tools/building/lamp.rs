@@ -23,7 +23,11 @@ pub fn panels(canvas: &mut Canvas<'_>, is_furnished: bool, (u, v): (Span, Span),
             let at = [middle(u, column, columns), middle(v, row, rows)];
             canvas.object(&format!("panel_{row}_{column}"));
             let here = &mut canvas.at(|p| p.within(at[0] - 0.5 * SIZE[0], at[1] - 0.5 * SIZE[1], HEIGHT - DROP));
-            if is_furnished { luminaire(here) } else { here.rect(Material::Lamp, Down, 0.0, [0.0, SIZE[0]], [0.0, SIZE[1]]) }
+            if is_furnished {
+                luminaire(here)
+            } else {
+                here.rect(Material::Lamp, Down, 0.0, [0.0, SIZE[0]], [0.0, SIZE[1]])
+            }
         }
     }
 }

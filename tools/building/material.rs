@@ -32,8 +32,7 @@ pub enum Material {
 use Material as M;
 
 /// Covers of books.
-pub const COVERS: [Material; 6] =
-    [M::RedCover, M::GreenCover, M::BlueCover, M::OchreCover, M::GreyCover, M::PaleCover];
+pub const COVERS: [Material; 6] = [M::RedCover, M::GreenCover, M::BlueCover, M::OchreCover, M::GreyCover, M::PaleCover];
 /// Cloths of chairs.
 pub const CLOTHS: [Material; 3] = [M::BlueCloth, M::GreenCloth, M::OrangeCloth];
 

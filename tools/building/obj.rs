@@ -51,8 +51,7 @@ impl Obj {
     pub fn create(path: &Path, library: &str, units_per_m: f64) -> Result<Self> {
         let out = File::create_new(path).map_err(|e| Error::io(path, &e))?;
         let (path, out) = (path.to_path_buf(), BufWriter::with_capacity(1 << 16, out));
-        let mut obj =
-            Self { path, out, units_per_m, material: None, counts: Counts::default(), failure: None };
+        let mut obj = Self { path, out, units_per_m, material: None, counts: Counts::default(), failure: None };
         obj.line(&format!("mtllib {library}\n"));
         Ok(obj)
     }

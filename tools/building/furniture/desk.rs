@@ -65,9 +65,9 @@ pub fn table(mut canvas: Canvas<'_>) {
     const SIZE: [f64; 2] = [1.4, 0.8];
     canvas.object("table");
     canvas.block(Material::Oak, [[0.0, SIZE[0]], [0.0, SIZE[1]], TOP], &ALL);
-    for u in [0.05, SIZE[0] - 0.085] {
-        for v in [0.05, SIZE[1] - 0.085] {
-            canvas.block(Material::Steel, [[u, u + 0.035], [v, v + 0.035], [0.0, TOP[0]]], &SIDES);
+    for u in [0.05, SIZE[0] - 0.075] {
+        for v in [0.05, SIZE[1] - 0.075] {
+            canvas.block(Material::Steel, [[u, u + 0.025], [v, v + 0.025], [0.0, TOP[0]]], &SIDES);
         }
     }
 }
