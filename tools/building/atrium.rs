@@ -1,8 +1,7 @@
 //! The atrium: a well through all floors, with galleries at its ends and parapets round it.
 
-use super::canvas::Canvas;
 use super::canvas::Facing::{Down, East, North, South, Up, West};
-use super::canvas::Span;
+use super::canvas::{Canvas, Span};
 use super::floor::Level;
 use super::lamp;
 use super::material::Material;

@@ -1,8 +1,7 @@
 //! Corridors, and the gables that close their ends and the building.
 
-use super::canvas::Canvas;
 use super::canvas::Facing::{Down, North, South, Up};
-use super::canvas::Span;
+use super::canvas::{Canvas, Span};
 use super::lamp;
 use super::material::Material;
 use super::plan::{CORE, CORRIDOR, CORRIDORS, FACADE, HEIGHT, NORTH, Plan, SLAB};
@@ -22,7 +21,7 @@ const WINDOW: Opening = Opening { u: [0.4, CORRIDOR - 0.4], z: [0.9, 2.5], is_do
 
 /// Draws both gables of a floor, in the building's frame.
 pub fn gables(canvas: &mut Canvas<'_>, plan: &Plan) {
-    // Seen from inside, u runs to the right: northwards in the east, southwards in the west.
+    // With the inside towards +v, u runs northwards in the east and southwards in the west.
     gable(&mut canvas.at(|p| p.within(plan.length(), 0.0, 0.0).quarters(1)), "east", |y| y);
     gable(&mut canvas.at(|p| p.within(0.0, NORTH, 0.0).quarters(3)), "west", |[y0, y1]| [NORTH - y1, NORTH - y0]);
 }

@@ -2,8 +2,7 @@
 
 use clerestory::base::Result;
 
-use super::canvas::Canvas;
-use super::canvas::Facing::South;
+use super::canvas::{Canvas, Facing};
 use super::furniture;
 use super::lamp;
 use super::material::Material;
@@ -72,7 +71,7 @@ impl Floor<'_> {
                 let (south, north) = (Row::SouthInner.place(bay, self.z()), Row::NorthInner.place(bay, self.z()));
                 stairs::draw(&mut Canvas::new(&mut self.obj, south, "stairs"), self.level);
                 let canvas = &mut Canvas::new(&mut self.obj, north, "stairs");
-                wall(canvas, ("wall_far", Material::Plaster), (South, -WALL), ([0.0, BAY], [0.0, HEIGHT]), &[]);
+                wall(canvas, ("wall_far", Material::Plaster), (Facing::South, -WALL), ([0.0, BAY], [0.0, HEIGHT]), &[]);
             }
             Core::TwoRooms => {
                 self.room(Row::SouthInner, bay);
@@ -87,7 +86,8 @@ impl Floor<'_> {
         self.rooms += 1;
         let behind = self.behind(row, bay);
         let prefix = format!("room_{:03}", self.rooms);
-        let canvas = &mut Canvas::new(&mut self.obj, row.place(bay, self.level.number as f64 * STOREY), &prefix);
+        let place = row.place(bay, self.z());
+        let canvas = &mut Canvas::new(&mut self.obj, place, &prefix);
         room::draw(canvas, behind);
         let rows = if behind == Behind::Room { 1 } else { 2 };
         lamp::panels(canvas, self.level.is_furnished, (INSIDE, [0.0, behind.depth()]), [2, rows]);

@@ -1,8 +1,7 @@
 //! Ceiling panels: plain ones, or luminaires whose light comes from a row of small cells.
 
-use super::canvas::Canvas;
 use super::canvas::Facing::{Down, East, North, South, Up, West};
-use super::canvas::Span;
+use super::canvas::{Canvas, Span};
 use super::material::Material;
 use super::plan::HEIGHT;
 

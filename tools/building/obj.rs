@@ -1,5 +1,6 @@
 //! A floor's OBJ file, written as it is drawn, and what has been drawn.
 
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::ops::AddAssign;
@@ -71,7 +72,7 @@ impl Obj {
         let mut text = String::with_capacity(160);
         for corner in corners {
             let [x, y, z] = corner.map(|m| rounded(m * self.units_per_m));
-            text.push_str(&format!("v {x} {y} {z}\n"));
+            writeln!(text, "v {x} {y} {z}").expect("a string takes all");
         }
         text.push_str("f -4 -3 -2 -1\n");
         self.line(&text);

@@ -4,6 +4,8 @@
 //! x runs along the building from bay to bay, y across it from the southern facade; both m, from the inner south-western
 //! corner.
 
+use std::ops::Range;
+
 use super::canvas::Span;
 use super::place::Place;
 
@@ -34,6 +36,9 @@ pub const CORE: Span = [SOUTH_CORRIDOR + CORRIDOR, SOUTH_CORRIDOR + CORRIDOR + 2
 pub const CORRIDORS: [Span; 2] = [[SOUTH_CORRIDOR, CORE[0]], [CORE[1], CORE[1] + CORRIDOR]];
 /// Inner face of the northern facade.
 pub const NORTH: f64 = CORRIDORS[1][1] + WALL + OUTER_DEPTH;
+
+/// Bays of the stairs, at the western end.
+const STAIRS: usize = 1;
 
 /// Least rooms of a floor: with five there is no plan that has an atrium.
 pub const LEAST_ROOMS: usize = 6;
@@ -71,32 +76,37 @@ impl Plan {
     pub fn with_rooms(rooms: usize) -> Self {
         assert!(rooms >= LEAST_ROOMS, "the command line sees to it");
         let inner_bays = |bays: usize| (rooms - 2 * bays).div_ceil(2);
-        let fits = |bays: &usize| bays - 1 >= inner_bays(*bays) + usize::max(1, bays / 4);
+        let fits = |bays: &usize| STAIRS + inner_bays(*bays) + usize::max(1, bays / 4) <= *bays;
         let bays = (2..=rooms / 2).find(fits).expect("six rooms and more have a plan");
         let inner = inner_bays(bays);
-        Self { bays, rooms, before: inner.div_ceil(2), atrium: bays - 1 - inner }
+        Self { bays, rooms, before: inner.div_ceil(2), atrium: bays - STAIRS - inner }
     }
 
     /// What the core holds in a bay.
     #[must_use]
     pub fn core(&self, bay: usize) -> Core {
         let has_deep_room = self.rooms % 2 == 1;
-        match bay {
-            0 => Core::Stairs,
-            _ if self.is_atrium(bay) => Core::Atrium,
-            _ if has_deep_room && bay == if self.before > 0 { 1 } else { self.bays - 1 } => Core::DeepRoom,
-            _ => Core::TwoRooms,
+        if bay < STAIRS {
+            Core::Stairs
+        } else if self.atrium_bays().contains(&bay) {
+            Core::Atrium
+        } else if has_deep_room && bay == STAIRS {
+            Core::DeepRoom
+        } else {
+            Core::TwoRooms
         }
     }
 
-    fn is_atrium(&self, bay: usize) -> bool {
-        (self.before + 1..self.before + 1 + self.atrium).contains(&bay)
+    fn atrium_bays(&self) -> Range<usize> {
+        let first = STAIRS + self.before;
+        first..first + self.atrium
     }
 
     /// The atrium along x.
     #[must_use]
     pub fn atrium(&self) -> Span {
-        [self.before + 1, self.before + 1 + self.atrium].map(|bay| bay as f64 * BAY)
+        let bays = self.atrium_bays();
+        [bays.start, bays.end].map(|bay| bay as f64 * BAY)
     }
 
     /// A bay along x.

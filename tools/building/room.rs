@@ -1,8 +1,7 @@
 //! A room: floor, ceiling and walls, a door and a high window to the corridor, windows and radiators at the facade.
 
-use super::canvas::Canvas;
 use super::canvas::Facing::{Down, East, North, South, Up, West};
-use super::canvas::{ALL, STANDING, Span};
+use super::canvas::{ALL, Canvas, STANDING, Span};
 use super::material::Material;
 use super::plan::{BAY, CORE, FACADE, HEIGHT, INNER_DEPTH, OUTER_DEPTH, SLAB, WALL};
 use super::wall::{Opening, frame, mullions, wall};
@@ -89,12 +88,11 @@ fn to_corridor(canvas: &mut Canvas<'_>) {
 
 /// The leaf stands open, at a right angle to its wall.
 fn door_leaf(canvas: &mut Canvas<'_>) {
-    const THICKNESS: f64 = 0.04;
-    let leaf = [[DOOR.u[0] - THICKNESS, DOOR.u[0]], [0.02, 0.96], [0.0, 2.05]];
+    let (hinge, thickness) = (DOOR.u[0], 0.04);
     canvas.object("door_leaf");
-    canvas.block(Material::Oak, leaf, &STANDING);
-    for side in [[0.52, 0.54], [0.42, 0.44]] {
-        canvas.block(Material::Steel, [side, [0.8, 0.92], [1.02, 1.05]], &ALL);
+    canvas.block(Material::Oak, [[hinge - thickness, hinge], [0.02, 0.96], [0.0, 2.05]], &STANDING);
+    for u in [hinge + 0.02, hinge - thickness - 0.04] {
+        canvas.block(Material::Steel, [[u, u + 0.02], [0.8, 0.92], [1.02, 1.05]], &ALL);
     }
 }
 

@@ -1,8 +1,7 @@
 //! The stair hall: two flights a floor with a half landing between, in a shaft from floor to floor.
 
-use super::canvas::Canvas;
 use super::canvas::Facing::{Down, East, North, South, Up, West};
-use super::canvas::Span;
+use super::canvas::{Canvas, Span};
 use super::floor::Level;
 use super::lamp;
 use super::material::Material;
