@@ -91,7 +91,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
 fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     let Power { emitted_w, absorbed_w, escaped_w } = settling.power;
     let received_w = settling.received_w;
-    if settling.drift.min(settling.predicted_error) > tolerance / STILL || settling.power.imbalance() <= ADDS_UP {
+    if settling.drift.min(settling.predicted_error) > tolerance / STILL {
         return before;
     }
     let after = std::array::from_fn(|c| {
@@ -100,8 +100,10 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
         let surely_w = (missed_w.abs() - ESCAPES * escaped_w[c]).max(0.0).copysign(missed_w);
         if received_w[c] > 0.0 { 1.0 + surely_w / received_w[c] } else { before[c] }
     });
-    // What is off by more is wrong, not rough.
-    if after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance) { after } else { before }
+    // Nothing is to be gained where it adds up; what is off by more is wrong, not rough.
+    let adds_up = |c: usize| (after[c] - before[c]).abs() * received_w[c] <= ADDS_UP * emitted_w[c];
+    let is_rough = after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance);
+    if is_rough && !(0..3).all(adds_up) { after } else { before }
 }
 
 /// What light is still to change, or its imbalance has drifted in an iteration, in tolerances' parts, where one sees what
@@ -239,6 +241,9 @@ mod tests {
         assert!(gained.iter().all(|gain| (gain - 1.005).abs() < 1e-12), "{gained:?}");
         assert_eq!(gain(gained, still(power(0.9995, 0.0)), 0.02), gained, "it adds up");
         assert_eq!(gain([1.0; 3], still(power(0.69, 0.3)), 0.02), [1.0; 3], "what leaves may be off by as much");
+        let gained = gain([1.0; 3], still(power(0.67, 0.3)), 0.02);
+        assert!(gained.iter().all(|gain| (gain - 1.0015).abs() < 1e-12), "{gained:?}");
+        assert_eq!(gain(gained, still(power(0.6849999, 0.3)), 0.02), gained, "what is left of it leaves");
         assert_eq!(gain([1.0; 3], still(power(0.8, 0.0)), 0.02), [1.0; 3], "wrong");
         let moving = Settling { drift: 0.01, predicted_error: 0.01, ..still(power(0.95, 0.0)) };
         assert_eq!(gain([1.0; 3], moving, 0.02), [1.0; 3]);
