@@ -44,10 +44,32 @@ fn distances(patch: &RayPatch, normal: DVec3, point: DVec3) -> (f64, f64) {
     (outside, normal.dot(point - c[0]).abs())
 }
 
+/// A face that covers part of a side.
+#[derive(Clone, Copy)]
+struct Cover {
+    corners: [DVec3; 4],
+    /// Unit normals of its edges, inwards in its plane.
+    inward: [DVec3; 4],
+    count: usize,
+}
+
+impl Cover {
+    fn of(patch: &RayPatch) -> Self {
+        let (corners, count, normal) = (corners_of(patch), patch.corner_count as usize, patch_normal(patch));
+        let inward =
+            std::array::from_fn(|i| normal.cross(corners[(i + 1) % count] - corners[i % count]).normalize_or_zero());
+        Self { corners, inward, count }
+    }
+
+    fn covers(&self, place: DVec3) -> bool {
+        (0..self.count).all(|i| self.inward[i].dot(place - self.corners[i]) >= 0.0)
+    }
+}
+
 /// Faces that cover parts of a side.
 #[derive(Clone, Default)]
 pub struct Covering {
-    faces: Vec<RayPatch>,
+    faces: Vec<Cover>,
     /// How far off the side's plane they may lie.
     off_m: f64,
 }
@@ -64,14 +86,14 @@ impl Covering {
     pub fn over(&self, element: &Polygon) -> Self {
         let bounds = Bounds::of(element.corners());
         let around = Bounds { min: bounds.min - self.off_m, max: bounds.max + self.off_m };
-        let faces = self.faces.iter().filter(|face| around.meets(Bounds::of(&corners_of(face))));
+        let faces = self.faces.iter().filter(|face| around.meets(Bounds::of(&face.corners)));
         Self { faces: faces.copied().collect(), ..*self }
     }
 
     /// Whether a place of that side lies under one of them.
     #[must_use]
     pub fn covers(&self, place: DVec3) -> bool {
-        self.faces.iter().any(|p| distances(p, patch_normal(p), place).0 <= 0.0)
+        self.faces.iter().any(|face| face.covers(place))
     }
 
     /// Share of an element of that side that is seen.
@@ -150,14 +172,14 @@ impl RayScene<'_> {
         let corners = node.shape.corners();
         let around = corners.iter().fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
         let bounds = Bounds { min: around.min - self.snap_m, max: around.max + self.snap_m };
-        let covering: RefCell<Vec<RayPatch>> = RefCell::default();
+        let covering: RefCell<Vec<Cover>> = RefCell::default();
         self.any_in_box_of(&bounds, |of, patch| {
             let (key, normal) = (of.key(patch), patch_normal(patch));
             let face = Face { key, front: normal.dot(node.normal) > 0.0, area_m2: patch.area_m2 };
             let coincides = normal.dot(node.normal).abs() > PARALLEL
                 && corners.iter().all(|c| distances(patch, normal, *c).1 <= self.snap_m);
             if coincides && key != node.end.face.key && self.covers_face(&face, &node.end.face) {
-                covering.borrow_mut().push(*patch);
+                covering.borrow_mut().push(Cover::of(patch));
             }
             false
         });
