@@ -52,7 +52,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
-    let doubt = if before.phase == Phase::Close { estimated_nrms_error } else { 0.0 };
+    let was_enough = before.places > 0.0 && before.estimated_nrms <= tolerance;
+    let doubt = if was_enough || before.phase == Phase::Close { estimated_nrms_error } else { 0.0 };
     let excess = (estimated_nrms - doubt).max(0.0).powi(2) - tolerance * tolerance;
     // What changes while rows are made better is their doing: no sweep has to come between markings.
     let is_settled = before.phase == Phase::Mark
@@ -217,6 +218,10 @@ mod tests {
             Phase::Sweep,
             "what was just marked is measured once more"
         );
+        let enough = steer(&small, &marking, with_change(0.01), (0.06, 1.0));
+        let (surely, luck) = (with(0.01, 1.6, 1e-9), with(0.01, 1.9, 0.5));
+        assert_eq!(steer(&luck, &enough, with_change(0.01), (0.06, 1.0)).phase, Phase::Close, "more may be chance");
+        assert_eq!(steer(&surely, &none, with_change(0.01), (0.06, 1.0)).phase, Phase::Mark);
         // What rows do not know of is found where places are measured anew, and remembered.
         let wrong = steer(&with(0.01, 4.0, 0.1), &none, with_change(0.01), (0.06, 1.0));
         assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
