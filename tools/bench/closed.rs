@@ -72,6 +72,6 @@ fn escaped(turn: DMat3, seed: u64) -> (u64, u64) {
 pub fn leaks() {
     let turned = DMat3::from_rotation_z(0.31) * DMat3::from_rotation_x(0.47);
     let (upright, turned) = (escaped(DMat3::IDENTITY, 3), escaped(turned, 4));
-    super::print("closed box", "edge_leaks", (upright.0 + turned.0) as f64, "1");
-    super::print("closed box", "vertex_leaks", (upright.1 + turned.1) as f64, "1");
+    super::common::print("closed box", "edge_leaks", (upright.0 + turned.0) as f64, "1");
+    super::common::print("closed box", "vertex_leaks", (upright.1 + turned.1) as f64, "1");
 }

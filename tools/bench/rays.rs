@@ -2,12 +2,12 @@
 //! line a figure. One core; each figure is the best of some passes, taken in turns.
 
 mod closed;
+mod common;
 
 use std::hint::black_box;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use clerestory::base::memory::MemoryBudget;
 use clerestory::base::{Quiet, Result};
 use clerestory::geom::polygon::Polygon;
 use clerestory::geom::sequence::{Sequence, cosine_direction};
@@ -26,13 +26,15 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
+use self::common::support::options;
+use self::common::{PASSES, print};
+
 /// What is looked for: from the repository's folder, where the model is.
 const MODELS: [(&str, &str); 2] =
     [("office", "data/office.obj"), ("soda-floor5", "../shared/scenes/soda-floor5/soda-floor5.obj")];
 const RAYS: usize = 1 << 18;
 /// Rays from one face, as rows cast them.
 const A_FACE: usize = 16;
-const PASSES: usize = 3;
 /// Lamps of which the nearest is asked for, about as the light tree draws them.
 const LAMPS: usize = 8;
 /// Where obvhs begins and ends, in lengths of a ray: it knows nothing of faces that coincide.
@@ -51,10 +53,6 @@ struct Segment {
     start: usize,
     /// The lamp; of no meaning for rays.
     end: usize,
-}
-
-fn print(scene: &str, name: &str, value: f64, unit: &str) {
-    println!("{}", serde_json::json!({ "name": name, "value": value, "unit": unit, "scene": scene }));
 }
 
 fn sides(set: &WorkingSet<'_>) -> Result<Vec<Side>> {
@@ -194,25 +192,6 @@ fn measure(name: &str, scene: &RayScene<'_>, sides: &[Side]) {
     print(name, "shadow_rays_per_s_core", own.0, "1/s");
     print(name, "any_hit_ratio_to_obvhs_cwbvh", own.0 / theirs.0, "1");
     print(name, "blocked_share", own.1 as f64 / segments.len() as f64, "1");
-}
-
-fn options(store: &Path, model: &Path) -> ingest::Options {
-    ingest::Options {
-        store: store.to_path_buf(),
-        models: vec![model.to_path_buf()],
-        units: ingest::Units::M,
-        up: None,
-        both_sides: true,
-        materials: None,
-        emit_both: false,
-        max_cluster_patches: 64,
-        contact_m: 0.01,
-        least_contact_m: 0.05,
-        snap_m: None,
-        memory: MemoryBudget::DEFAULT,
-        fresh: false,
-        wait: Duration::from_secs(1),
-    }
 }
 
 fn model(name: &str, model: &Path) -> Result<()> {
