@@ -1,0 +1,86 @@
+"""What the drivers share: scenes, the judge, commits, tables."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+# Options of `run` beside those that all scenes share; in the order of tables.
+SCENES = {
+    "cornell-box": [],
+    "cornell": [],
+    "office": [],
+    "duplex": [],
+    "classroom": [],
+    "soda-floor5": [],
+    "soda-hall": [],
+    "hospital3": ["--quality", "draft"],
+}
+SHARED = ["--workers", "2"]
+
+
+def add_arguments(parser, default_scenes):
+    parser.add_argument("--scenes", default=default_scenes, help="names, parted by commas [default: %(default)s]")
+    judge = os.path.join("..", "shared", "judge")
+    parser.add_argument("--judge", default=judge, help="folder of bake.py [default: %(default)s]")
+    parser.add_argument("--python", default=sys.executable, help="runs the judge; needs numpy and scipy")
+    parser.add_argument("--limit", type=float, default=3600, help="seconds until a scene is stopped [default: 3600]")
+
+
+def options_of(scene):
+    return SHARED + SCENES.get(scene, [])
+
+
+def output(*command, cwd=ROOT):
+    return subprocess.run(command, cwd=cwd, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
+
+
+def commit_of(revision):
+    return output("git", "rev-parse", "--verify", revision + "^{commit}")
+
+
+def bake(arguments, scene, binary):
+    """What bake.py says of a scene; TimeoutExpired after the limit, RuntimeError if it fails."""
+    command = [arguments.python, os.path.join(ROOT, arguments.judge, "bake.py"), scene, "--binary", binary]
+    # bake.py leaves its files behind.
+    with tempfile.TemporaryDirectory(prefix="judged-", ignore_cleanup_errors=True) as folder:
+        child = subprocess.Popen(
+            command + ["--"] + options_of(scene),
+            env={**os.environ, "TMPDIR": folder},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            said, wrong = child.communicate(timeout=arguments.limit)
+        finally:
+            # Its workers as well.
+            if child.poll() is None:
+                os.killpg(child.pid, signal.SIGKILL)
+                child.wait()
+    if child.returncode != 0:
+        raise RuntimeError(f"{scene}: {wrong.strip()[-500:]}")
+    return json.loads(said)
+
+
+def end_on_sigterm():
+    """Lets `finally` run when the driver is asked to end."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+
+
+def table(heads, rows):
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def number(value, unit="", digits=1):
+    return "-" if value is None else f"{value:,.{digits}f}{unit}"
+
+
+def percent(value, sign=""):
+    return "-" if value is None else f"{100 * value:{sign}.2f} %"
