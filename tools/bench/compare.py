@@ -2,8 +2,8 @@
 """Builds two commits and solves scenes with them in turns, A B A B: what got slower, and what less accurate.
 
 A table per scene: both runs of each, and the ratio of their means. B is worse in a figure where its mean is above that
-of A by more than what A's runs differ by and 5 % of it. Exit code 1 where it is slower (CPU or wall); of entries and
-errors the table tells alone.
+of A by more than what A's runs differ by and 5 % of it. Exit code 1 where it is slower (CPU or wall), 2 where a scene
+failed; of entries and errors the table tells alone.
 """
 
 import argparse
@@ -89,7 +89,11 @@ def main():
     for scene in arguments.scenes.split(","):
         runs = [[], []]
         for turn in range(2 * TURNS):
-            runs[turn % 2].append(judged.bake(arguments, scene, binaries[turn % 2]))
+            try:
+                runs[turn % 2].append(judged.bake(arguments, scene, binaries[turn % 2]))
+            except (RuntimeError, subprocess.TimeoutExpired) as error:
+                print(f"{'AB'[turn % 2]}: {error}", file=sys.stderr)
+                return 2
         rows, slower = compare(*runs)
         any_slower |= slower
         print(f"\n{scene}\n\n{table(heads, rows)}", flush=True)

@@ -29,19 +29,27 @@ HEADS = (
 TEXT = """\
 # Performance
 
-Written by `tools/bench/performance.py`; nothing in here is typed. Commit {commit}, {dates}, {machine}. Load average
-before scenes began: {loads}.
+Written by `tools/bench/performance.py`: nothing in here is typed, and all of it is of one commit.
 
-Each scene alone, by the judge: `bake.py SCENE --binary target/release/clerestory -- OPTIONS` with the options
-`{options}`{others}. CPU and wall: the run with its audit, and the exports to PLY and CSV. Memory:
-anonymous, of the largest process. Links: entries of rows that are stored. Stored nRMS, bias and dark: the exported mesh
-at sensor points with path-traced references, their noise removed; dark in means of what is lit. Dim: median relative
-error of places between 1 and 10 % of the mean. Path tracer: CPU of another renderer for the same error at 100 points a
-m2 of lit area; ratio: that over ours.
+- Commit: {commit}
+- Date: {dates}
+- Machine: {machine}; load average before scenes began: {loads}
+
+## Scenes
+
+One after another: `bake.py SCENE --binary target/release/clerestory -- {options}`{others}.
 
 {scenes}
 
-Benches, on one core (`cargo bench`); links and entries are what rays of rows found.
+CPU and wall: the run with its audit, and the exports to PLY and CSV. Memory: anonymous, of the largest process. Links:
+entries of rows that are stored. Stored nRMS, bias and dark: the exported mesh at sensor points with path-traced
+references, their noise removed; dark in means of what is lit. Dim: median relative error of places between 1 and 10 % of
+the mean. Path tracer: CPU of another renderer for the same error at 100 points a m2 of lit area; ratio: that over ours.
+
+## Benches
+
+`cargo bench`, each on one core. Links and entries are what rays of rows found; a sweep gathers over all of them,
+relaxing also fits lines to what arrives.
 
 {benches}
 """
@@ -59,7 +67,9 @@ def machine():
 def scene_row(record):
     scene, result = record["scene"], record.get("result")
     if result is None:
-        return [scene, f"stopped after {number(record['stopped_after_s'], ' s', 0)}", *["-"] * (len(HEADS) - 2)]
+        limit_s = record.get("stopped_after_s")
+        end = "failed" if limit_s is None else f"stopped after {number(limit_s, ' s', 0)}"
+        return [scene, end, *["-"] * (len(HEADS) - 2)]
     links, dark = result.get("links"), result.get("dark")
     audited = percent(result.get("audited_nrms"))
     if result.get("audited_se") is not None:
@@ -86,11 +96,11 @@ def scene_row(record):
 def figure(value, unit):
     if unit == "1":
         return f"{value:,.0f}" if value == int(value) else f"{value:.3g}"
-    return f"{value / 1e6:,.3g} M {unit}" if value >= 1e6 else f"{value:,.0f} {unit}"
+    return f"{value / 1e6:,.1f} M {unit}" if value >= 1e6 else f"{value:,.0f} {unit}"
 
 
 def page(records, commit):
-    """The page, from records of one commit and machine."""
+    """The page, of records of one commit and machine."""
     order = list(judged.SCENES)
     place = lambda record: order.index(record["scene"]) if record["scene"] in order else len(order)
     scenes = sorted((r for r in records if "scene" in r), key=place)
@@ -101,7 +111,7 @@ def page(records, commit):
         for f in r["figures"]
     ]
     shared = " ".join(judged.SHARED)
-    others = [f", {r['scene']} with `{r['options']}`" for r in scenes if r["options"] != shared]
+    others = [f"; {r['scene']} with `{r['options']}`" for r in scenes if r["options"] != shared]
     span = lambda ascending: " to ".join(dict.fromkeys(str(value) for value in (ascending[:1] + ascending[-1:])))
     return TEXT.format(
         commit=commit[:12],
@@ -153,6 +163,9 @@ def measure_scene(arguments, scene, binary):
         return {"result": judged.bake(arguments, scene, binary)}
     except subprocess.TimeoutExpired:
         return {"stopped_after_s": arguments.limit}
+    except RuntimeError as error:
+        print(error, file=sys.stderr)
+        return {"failed": True}
 
 
 def main():
@@ -165,15 +178,18 @@ def main():
     arguments = parser.parse_args()
     judged.end_on_sigterm()
     refuse_changes()
-    commit, on, failed = judged.commit_of("HEAD"), machine(), []
+    commit, on = judged.commit_of("HEAD"), machine()
     records = known(arguments.results, commit, on)
 
     def keep(measured):
         record = {"commit": commit, "machine": on, "date": f"{datetime.date.today()}", **measured}
+        records.append(record)
+        if "failed" in measured:
+            return  # tried again the next time
+        os.makedirs(os.path.dirname(os.path.abspath(arguments.results)), exist_ok=True)
         with open(arguments.results, "a") as file:
             # On a line of its own, also after one that was broken off.
             file.write("\n" + json.dumps(record) + "\n")
-        records.append(record)
 
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(["cargo", "build", "--release", "--bin", "clerestory"], cwd=ROOT, check=True)
@@ -189,14 +205,10 @@ def main():
                 continue
             print(scene, file=sys.stderr)
             load, options = round(os.getloadavg()[0], 1), " ".join(judged.options_of(scene))
-            try:
-                keep({"scene": scene, "options": options, "load": load, **measure_scene(arguments, scene, binary)})
-            except RuntimeError as error:
-                print(error, file=sys.stderr)
-                failed.append(scene)
+            keep({"scene": scene, "options": options, "load": load, **measure_scene(arguments, scene, binary)})
     with open(arguments.output, "w") as file:
         file.write(page(newest(records), commit))
-    return int(bool(failed))
+    return int(any("failed" in record for record in records))
 
 
 if __name__ == "__main__":
