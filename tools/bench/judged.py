@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -44,12 +45,12 @@ def commit_of(revision):
 
 
 def bake(arguments, scene, binary):
-    """What bake.py says of a scene; TimeoutExpired after the limit, RuntimeError if it fails."""
+    """What bake.py says of a scene, and `sampled`; TimeoutExpired after the limit, RuntimeError if it fails."""
     command = [arguments.python, os.path.join(ROOT, arguments.judge, "bake.py"), scene, "--binary", binary]
     # bake.py leaves its files behind.
     with tempfile.TemporaryDirectory(prefix="judged-", ignore_cleanup_errors=True) as folder:
         child = subprocess.Popen(
-            command + ["--"] + options_of(scene),
+            command + ["--store", os.path.join(folder, "s.clr"), "--"] + options_of(scene),
             env={**os.environ, "TMPDIR": folder},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -63,9 +64,27 @@ def bake(arguments, scene, binary):
             if child.poll() is None:
                 os.killpg(child.pid, signal.SIGKILL)
                 child.wait()
-    if child.returncode != 0:
-        raise RuntimeError(f"{scene}: {wrong.strip()[-500:]}")
-    return json.loads(said)
+        if child.returncode != 0:
+            raise RuntimeError(f"{scene}: {wrong.strip()[-500:]}")
+        return {**json.loads(said), **sampled(arguments, scene, binary, folder)}
+
+
+def sampled(arguments, scene, binary, folder):
+    """What `sample` gives at the sensor points of a scene that was baked in a folder: its error and CPU a point."""
+    judge = os.path.join(ROOT, arguments.judge)
+    points, reference = (os.path.join(judge, "references", f"{scene}.{kind}.csv") for kind in ("pts", "ref"))
+    if not os.path.exists(reference):
+        return {}
+    answers, before = os.path.join(folder, "sample.csv"), resource.getrusage(resource.RUSAGE_CHILDREN)
+    said = output(binary, "sample", os.path.join(folder, "s.clr"), "--points", points, "-o", answers, "--json", "-q")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    compared = json.loads(output(arguments.python, os.path.join(judge, "compare.py"), reference, answers, "--json"))
+    return {
+        "sample_nrms": compared["nRMS_corrected"],
+        "sample_dark": compared["dark_mean_test"],
+        "sample_ms": 1e3 * cpu_s / max(1, json.loads(said)["points"]),
+    }
 
 
 def end_on_sigterm():

@@ -23,7 +23,7 @@ BENCHES = ["rays", "rows", "sweep", "ingest"]
 PAGE = os.path.join("docs", "performance.md")
 
 HEADS = (
-    "scene|CPU|wall|memory|elements|links|estimated|audited|stored nRMS|bias|dark|dim|path tracer|ratio|converged"
+    "scene|CPU|wall|memory|elements|links|estimated|audited|stored nRMS|bias|dark|dim|path tracer|ratio|sample nRMS|a point|converged"
 ).split("|")
 
 TEXT = """\
@@ -45,6 +45,7 @@ CPU and wall: the run with its audit, and the exports to PLY and CSV. Memory: an
 entries of rows that are stored. Stored nRMS, bias and dark: the exported mesh at sensor points with path-traced
 references, their noise removed; dark in means of what is lit. Dim: median relative error of places between 1 and 10 % of
 the mean. Path tracer: CPU of another renderer for the same error at 100 points a m2 of lit area; ratio: that over ours.
+Sample: `sample` at the same points, with its CPU a point, the program's start included.
 
 ## Benches
 
@@ -89,6 +90,8 @@ def scene_row(record):
         percent(result.get("dim_p50")),
         number(result.get("peer_cpu_s"), " s"),
         number(result.get("ratio")),
+        percent(result.get("sample_nrms")),
+        number(result.get("sample_ms"), " ms", 2),
         {True: "yes", False: "no"}.get(result.get("converged"), "-"),
     ]
 
