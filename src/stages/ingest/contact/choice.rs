@@ -6,11 +6,14 @@ use super::cell::{Cell, Halves};
 use super::joined::CHAIN_M;
 use super::plane::{Line, crossing};
 use super::segments::Segment;
+use super::tree::longest_first;
 
 /// A region with more segments than this is crowded.
 pub const CROWD: usize = 64;
 /// Segments that are looked at for halving it: the longest.
 const CANDIDATES: usize = 16;
+/// Up to so many segments each is tried out to the end (a rollout of the choice among more).
+const FEW: usize = 24;
 /// Where a crowded region may be halved, as shares of its length.
 const MIDDLES: [f64; 9] = [0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7];
 
@@ -119,21 +122,51 @@ pub fn halving(cell: &Cell, segments: &[Segment], near_m: f64) -> Option<Cut> {
     all.into_iter().find_map(|(_, line, kinds)| Some(Cut { halves: cell.split(line, near_m)?, kinds }))
 }
 
-/// The split of a region along one of its segments that multiplies them least; of equal ones the one whose halves have
-/// the fewest corners, then the longest. None if none can be made. Takes segments away that split nothing. They come in
-/// order of length.
+/// The split of a region along one of its segments; of few, that which leaves the fewest parts in the end, then the longest.
+/// None if none can be made. Takes segments away that split nothing. They come in order of length.
 pub fn along_segment(cell: &Cell, segments: &mut Vec<Segment>, near_m: f64) -> Option<Cut> {
-    let parts = |cell: &Cell| (cell.corners.len() - 1) / 2;
+    if segments.len() > FEW {
+        return along_best(cell, segments, near_m);
+    }
+    let cuts = segments.iter().filter_map(|s| Cut::along(cell, s, near_m));
+    cuts.min_by_key(|cut| cut.parts(segments, near_m))
+}
+
+/// The split that multiplies segments least; of equal ones the one whose halves have the fewest corners, then the longest.
+fn along_best(cell: &Cell, segments: &mut Vec<Segment>, near_m: f64) -> Option<Cut> {
     loop {
         let growth: Vec<isize> = segments.iter().map(|s| Effect::of(segments, s.line(), near_m).growth()).collect();
         let least = *growth.iter().min()?;
         let best = segments.iter().zip(&growth).filter(|(_, growth)| **growth == least);
-        let cuts = best.filter_map(|(s, _)| Some(Cut { halves: cell.split(s.line(), near_m)?, kinds: Some(s.kinds) }));
-        if let Some(cut) = cuts.min_by_key(|cut| parts(&cut.halves.left) + parts(&cut.halves.right)) {
+        let cuts = best.filter_map(|(s, _)| Cut::along(cell, s, near_m));
+        if let Some(cut) = cuts.min_by_key(|cut| whole(&cut.halves.left) + whole(&cut.halves.right)) {
             return Some(cut);
         }
         let mut growth = growth.into_iter();
         segments.retain(|_| growth.next() != Some(least));
+    }
+}
+
+/// Triangles and quads that a region falls into as it is.
+fn whole(cell: &Cell) -> usize {
+    (cell.corners.len() - 1) / 2
+}
+
+/// Parts that a region falls into where the best split is taken each time.
+fn parts(cell: &Cell, mut segments: Vec<Segment>, near_m: f64) -> usize {
+    along_best(cell, &mut segments, near_m).map_or_else(|| whole(cell), |cut| cut.parts(&segments, near_m))
+}
+
+impl Cut {
+    fn along(cell: &Cell, segment: &Segment, near_m: f64) -> Option<Self> {
+        Some(Self { halves: cell.split(segment.line(), near_m)?, kinds: Some(segment.kinds) })
+    }
+
+    /// Parts that there are in the end.
+    fn parts(&self, segments: &[Segment], near_m: f64) -> usize {
+        let Halves { line, left, right } = &self.halves;
+        let [on_left, on_right] = parted(segments.to_vec(), *line, near_m).map(longest_first);
+        parts(left, on_left, near_m) + parts(right, on_right, near_m)
     }
 }
 
