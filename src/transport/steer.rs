@@ -43,12 +43,14 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let tolerance = asked * of_rows;
     let [lit, area] = error.lit;
     let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
-    let Corrected { correction, error: correction_error, places } = corrected(error, before);
+    let found = corrected(error, before);
+    let (known, known_error) = found.beside_what_rows_know();
+    let Corrected { correction, error: correction_error, places } = found;
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
-    let squared = relative(error.rough * correction.max(LEAST_CORRECTION));
-    let most = relative(error.rough * (correction + 2.0 * correction_error).max(LEAST_CORRECTION)).sqrt();
+    let squared = relative(error.rough * known.max(LEAST_CORRECTION));
+    let most = relative(error.rough * (known + 2.0 * known_error).max(LEAST_CORRECTION)).sqrt();
     // One place that is far off is all of the correction, and of its error: what the others know is worth casting for.
-    let surely = relative(error.rough * (correction - correction_error).max(LEAST_CORRECTION));
+    let surely = relative(error.rough * (known - known_error).max(LEAST_CORRECTION));
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
@@ -70,7 +72,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
             // Where nothing is left to be done, that is it.
             let aim = (surely - tolerance * tolerance).max(LEAST_EXCESS * tolerance * tolerance);
             // Rows promise as they know of their error.
-            let of_rows = aim * error.norm / correction.max(LEAST_CORRECTION);
+            let of_rows = aim * error.norm / known.max(LEAST_CORRECTION);
             let threshold = oracle::threshold(&error.bins, of_rows, error.rays);
             (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
         };
@@ -156,6 +158,15 @@ struct Corrected {
     places: f64,
 }
 
+impl Corrected {
+    /// The correction, and its error, where rows alone are taken to be off by their own error as well (a normal prior about
+    /// 1 of deviation 1): few places in a small model tell less than that.
+    fn beside_what_rows_know(&self) -> (f64, f64) {
+        let weight = 1.0 / (1.0 + self.error * self.error);
+        (1.0 + weight * (self.correction - 1.0), weight.sqrt() * self.error)
+    }
+}
+
 /// From places measured anew in this iteration, and in those before: each counts alike, since few places say of
 /// themselves that they are precise where they have missed what is rare; those before count less, since light has changed.
 fn corrected(error: &ErrorSums, before: &Steering) -> Corrected {
@@ -223,10 +234,15 @@ mod tests {
         assert_eq!(steer(&luck, &enough, with_change(0.01), (0.06, 1.0)).phase, Phase::Close, "more may be chance");
         assert_eq!(steer(&surely, &none, with_change(0.01), (0.06, 1.0)).phase, Phase::Mark);
         // What rows do not know of is found where places are measured anew, and remembered.
-        let wrong = steer(&with(0.01, 4.0, 0.1), &none, with_change(0.01), (0.06, 1.0));
+        let wrong = steer(&with(0.01, 4.0, 1e-9), &none, with_change(0.01), (0.06, 1.0));
         assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
         let later = steer(&with(0.01, 1.0, 0.1), &wrong, with_change(0.01), (0.06, 1.0));
         assert!((later.correction - 2.0).abs() < 1e-9, "a third of what was found before: {later:?}");
+        let luck = steer(&with(0.01, 26.0, 3.0), &none, with_change(0.01), (0.06, 1.0));
+        assert!(
+            (luck.estimated_nrms - 0.05 * 3.5f64.sqrt()).abs() < 1e-9,
+            "one tenth of what few places say: {luck:?}"
+        );
         assert_eq!(
             steer(&ErrorSums::default(), &none, with_change(0.0), (0.06, 1.0)).phase,
             Phase::Close,
