@@ -50,6 +50,8 @@ pub struct TaskRow {
     pub partition_hash: String,
     /// What it reported, once done.
     pub report: Option<TaskReport>,
+    /// From its claim to its publication, s; once done.
+    pub wall_s: Option<f64>,
 }
 
 /// How many tasks stand where.
@@ -193,7 +195,8 @@ impl Store {
     /// The tasks of an iteration, in the order of their groups.
     pub fn tasks(&self, branch: u64, iteration: u64) -> Result<Vec<TaskRow>> {
         let mut query = self.connection().prepare_cached(
-            "SELECT id, group_id, update_order, state, base_version, options_hash, partition_hash, report
+            "SELECT id, group_id, update_order, state, base_version, options_hash, partition_hash, report,
+                    finished_at - claimed_at
              FROM tasks WHERE branch = ?1 AND iteration = ?2 ORDER BY group_id",
         )?;
         let mut rows = query.query(params![branch, iteration])?;
@@ -215,6 +218,7 @@ impl Store {
                     .map(|bytes| TaskReport::decode(&bytes))
                     .transpose()
                     .map_err(|e| damaged(format!("report of group {group}: {e}")))?,
+                wall_s: row.get(8)?,
             });
         }
         Ok(tasks)

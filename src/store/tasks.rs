@@ -16,7 +16,7 @@ use crate::model::report::TaskReport;
 pub const DEATHS: u32 = 3;
 
 /// Free groups offered to a schedule at a time, costliest first.
-const OFFERED: u32 = 256;
+pub const OFFERED: u32 = 256;
 
 /// The right to solve a group once.
 #[derive(Clone, Debug, PartialEq)]
