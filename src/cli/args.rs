@@ -8,6 +8,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::values::{PictureSize, Triple, degrees, length, memory, seconds, share, size};
 use crate::base::memory::MemoryBudget;
 use crate::model::solve_options::InnerOption;
+use crate::stages::solve_group::Policy;
 
 /// Largest number that the catalogue holds.
 const MOST: u64 = i64::MAX as u64;
@@ -404,6 +405,17 @@ pub struct ScheduleFlags {
     /// Places that ffd-ws may leave the order of cost
     #[arg(long, value_name = "D", default_value = "16")]
     pub delta: u32,
+}
+
+impl ScheduleFlags {
+    #[must_use]
+    pub fn policy(&self) -> Policy {
+        match self.schedule {
+            Schedule::Ffd => Policy::Ffd,
+            Schedule::Ws => Policy::Ws,
+            Schedule::FfdWs => Policy::FfdWs { delta: self.delta },
+        }
+    }
 }
 
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]

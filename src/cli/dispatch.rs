@@ -8,8 +8,8 @@ use clap::{ArgMatches, FromArgMatches};
 
 use super::args::{
     AuditArgs, Cli, Common, Emit, ExportArgs, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order,
-    PartitionArgs, Quality, RenderArgs, RunArgs, SampleArgs, Schedule, ScheduleFlags, Sides, SolveFlags,
-    SolveGroupArgs, StatusArgs, StoreArgs, Units, Up, Verb, VisibilityArgs,
+    PartitionArgs, Quality, RenderArgs, RunArgs, SampleArgs, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs,
+    StatusArgs, StoreArgs, Units, Up, Verb, VisibilityArgs,
 };
 use super::report::Report;
 use super::resources::Watch;
@@ -228,11 +228,7 @@ pub fn solve_options(
         version,
         settings: solve_group::SolveSettings { options, order },
         link_cache_bytes: flags.link_cache,
-        schedule: match schedule.schedule {
-            Schedule::Ffd => solve_group::Policy::Ffd,
-            Schedule::Ws => solve_group::Policy::Ws,
-            Schedule::FfdWs => solve_group::Policy::FfdWs { delta: schedule.delta },
-        },
+        schedule: schedule.policy(),
         memory,
     }
 }

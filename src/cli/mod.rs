@@ -3,14 +3,14 @@
 #[allow(missing_docs, reason = "the doc comments of flags are their help; verbs and values speak for themselves")]
 pub mod args;
 mod dispatch;
-mod drawing;
+pub mod drawing;
 pub mod pages;
 mod report;
 mod resources;
 mod run_options;
 pub mod settings;
 mod summaries;
-mod values;
+pub mod values;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
