@@ -1,0 +1,131 @@
+//! `simulate`: how long a recorded run would have taken on other numbers of workers, and what would have kept them.
+//!
+//! `recording` reads a store, `replay` goes through its tasks with the real policy, `fleet` keeps what workers hold,
+//! `line` what moving it takes, and `outcome` names what costs most. The same store and options give the same numbers.
+
+mod args;
+mod fleet;
+mod line;
+mod outcome;
+mod recording;
+mod replay;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+use clerestory::base::{Error, Result};
+use clerestory::cli::drawing::{bytes, span, thousands};
+use serde::Serialize;
+
+use self::args::Args;
+use self::line::Costs;
+use self::outcome::Row;
+use self::recording::Recording;
+use self::replay::{Settings, replay};
+
+/// What was found.
+#[derive(Serialize)]
+struct Summary {
+    iterations: usize,
+    groups: usize,
+    tasks: usize,
+    work_s: f64,
+    replays: Vec<Row>,
+}
+
+fn main() -> ExitCode {
+    let done = parse().and_then(|args| match args {
+        Some(args) => simulate(&args),
+        None => Ok(()),
+    });
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            if !matches!(error, Error::ReaderGone) {
+                eprintln!("error: {error}\nhelp: {}", error.remedy());
+            }
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// The options; `None` if help was asked for, and given.
+fn parse() -> Result<Option<Args>> {
+    match Args::try_parse() {
+        Ok(args) => Ok(Some(args)),
+        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            print(&error.render().to_string()).map(|()| None)
+        }
+        Err(error) => {
+            let text = error.render().to_string();
+            let first: Vec<&str> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
+            let message = first.join(" ").trim_start_matches("error: ").to_owned();
+            Err(Error::Usage { message, help: "see `simulate --help`".to_owned() })
+        }
+    }
+}
+
+fn simulate(args: &Args) -> Result<()> {
+    let recording = Recording::read(&args.store, args.time)?;
+    let costs = Costs { bandwidth: args.bandwidth, latency_s: args.latency };
+    let settings = Settings { policy: args.schedule.policy(), master: args.master, costs, merge_s: args.merge };
+    let replays = args.workers.iter().map(|&workers| replay(&recording, settings, workers.into()).row());
+    let summary = Summary {
+        iterations: recording.iterations.len(),
+        groups: recording.groups.len(),
+        tasks: recording.tasks(),
+        work_s: recording.work_s(),
+        replays: replays.collect(),
+    };
+    if let Some(file) = &args.csv {
+        write_csv(file, &summary.replays)?;
+    }
+    if args.json {
+        let text = serde_json::to_string_pretty(&summary).expect("a summary has no keys but strings");
+        return print(&format!("{text}\n"));
+    }
+    print(&table(&summary))
+}
+
+fn table(summary: &Summary) -> String {
+    let mut text = format!(
+        "{} tasks of {} groups in {} iterations, {} of work\n",
+        thousands(summary.tasks as u64),
+        thousands(summary.groups as u64),
+        summary.iterations,
+        span(summary.work_s)
+    );
+    text += "workers    makespan  speedup  of linear    download  transfer  waiting  end idle  master busy  next bottleneck\n";
+    for row in &summary.replays {
+        text += &format!(
+            "{:>7}  {:>10}  {:>7.2}  {:>7.1} %  {:>10}  {:>6.1} %  {:>5.1} %  {:>6.1} %  {:>9.1} %  {}\n",
+            row.workers,
+            span(row.makespan_s),
+            row.speedup,
+            100.0 * row.share_of_linear,
+            bytes(row.download_bytes),
+            100.0 * row.transfer_share,
+            100.0 * row.waiting_share,
+            100.0 * row.end_idle_share,
+            100.0 * row.master_busy_share,
+            row.next_bottleneck
+        );
+    }
+    text
+}
+
+fn write_csv(file: &Path, rows: &[Row]) -> Result<()> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).expect("numbers and names always serialise");
+    }
+    let text = writer.into_inner().expect("memory takes all");
+    std::fs::write(file, text).map_err(|e| Error::io(file, &e))
+}
+
+fn print(text: &str) -> Result<()> {
+    use std::io::Write;
+    std::io::stdout().write_all(text.as_bytes()).map_err(|e| Error::io(Path::new("stdout"), &e))
+}
