@@ -93,7 +93,7 @@ fn nothing_gets_into_the_storey_below_where_floor_and_ceiling_overlap() {
 /// Both rooms are alike but for what their side of the wall reflects.
 #[test]
 fn a_wall_written_once_for_each_side_shows_each_room_its_own_material() {
-    let leaves = solve("doubled_wall", &[]).leaves();
+    let leaves = solve("doubled_wall", &["--quality", "final"]).leaves();
     let (red, blue): (Vec<Leaf>, Vec<Leaf>) = leaves
         .iter()
         .filter(|l| (l.centre[0] - 2.0).abs() < 1e-3 && l.normal[0].abs() > 0.9)
