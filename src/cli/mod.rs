@@ -10,6 +10,7 @@ mod resources;
 mod run_options;
 pub mod settings;
 mod summaries;
+pub mod tool;
 pub mod values;
 
 use std::ffi::OsString;
@@ -104,9 +105,6 @@ fn help_or_usage(error: &clap::Error, line: &[OsString]) -> Result<()> {
             report::print(&format!("{}\n", error.render().to_string().trim_end()))
         }
         _ => {
-            let text = error.render().to_string();
-            let first: Vec<&str> = text.lines().take_while(|l| !l.is_empty()).map(str::trim).collect();
-            let message = first.join(" ").trim_start_matches("error: ").to_owned();
             let verbs = settings::command();
             let verb =
                 line.iter().skip(1).map(|a| a.to_string_lossy()).find(|a| verbs.find_subcommand(a.as_ref()).is_some());
@@ -114,7 +112,7 @@ fn help_or_usage(error: &clap::Error, line: &[OsString]) -> Result<()> {
                 Some(verb) => format!("see `clerestory help {verb}`"),
                 None => "see `clerestory help`".to_owned(),
             };
-            Err(Error::Usage { message, help })
+            Err(tool::usage(error, help))
         }
     }
 }

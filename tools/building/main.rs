@@ -23,10 +23,9 @@ use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::Parser;
-use clap::error::ErrorKind;
 use clerestory::base::text::{for_shell, shown};
 use clerestory::base::{Error, Result};
+use clerestory::cli::tool::{self, print};
 use serde::Serialize;
 
 use self::args::{Args, Size};
@@ -45,33 +44,7 @@ struct Summary {
 }
 
 fn main() -> ExitCode {
-    let done = parse().and_then(|args| match args {
-        Some(args) => write(&args).and_then(|summary| tell(&summary, args.json)),
-        None => Ok(()),
-    });
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}\nhelp: {}", error.remedy());
-            ExitCode::from(error.exit_code())
-        }
-    }
-}
-
-/// The options; `None` if help was asked for, and given.
-fn parse() -> Result<Option<Args>> {
-    match Args::try_parse() {
-        Ok(args) => Ok(Some(args)),
-        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
-            print(&error.render().to_string()).map(|()| None)
-        }
-        Err(error) => {
-            let text = error.render().to_string();
-            let first: Vec<&str> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
-            let message = first.join(" ").trim_start_matches("error: ").to_owned();
-            Err(Error::Usage { message, help: "see `building --help`".to_owned() })
-        }
-    }
+    tool::run("building", |args: &Args| write(args).and_then(|summary| tell(&summary, args.json)))
 }
 
 fn write(args: &Args) -> Result<Summary> {
@@ -124,9 +97,4 @@ fn tell(summary: &Summary, as_json: bool) -> Result<()> {
         counts.area_m2,
         counts.bytes as f64 * 1e-6
     ))
-}
-
-fn print(text: &str) -> Result<()> {
-    use std::io::Write;
-    std::io::stdout().write_all(text.as_bytes()).map_err(|e| Error::io(Path::new("stdout"), &e))
 }

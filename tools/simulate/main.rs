@@ -13,10 +13,9 @@ mod replay;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::Parser;
-use clap::error::ErrorKind;
 use clerestory::base::{Error, Result};
 use clerestory::cli::drawing::{bytes, span, thousands};
+use clerestory::cli::tool::{self, print};
 use serde::Serialize;
 
 use self::args::Args;
@@ -36,35 +35,7 @@ struct Summary {
 }
 
 fn main() -> ExitCode {
-    let done = parse().and_then(|args| match args {
-        Some(args) => simulate(&args),
-        None => Ok(()),
-    });
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            if !matches!(error, Error::ReaderGone) {
-                eprintln!("error: {error}\nhelp: {}", error.remedy());
-            }
-            ExitCode::from(error.exit_code())
-        }
-    }
-}
-
-/// The options; `None` if help was asked for, and given.
-fn parse() -> Result<Option<Args>> {
-    match Args::try_parse() {
-        Ok(args) => Ok(Some(args)),
-        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
-            print(&error.render().to_string()).map(|()| None)
-        }
-        Err(error) => {
-            let text = error.render().to_string();
-            let first: Vec<&str> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
-            let message = first.join(" ").trim_start_matches("error: ").to_owned();
-            Err(Error::Usage { message, help: "see `simulate --help`".to_owned() })
-        }
-    }
+    tool::run("simulate", simulate)
 }
 
 fn simulate(args: &Args) -> Result<()> {
@@ -123,9 +94,4 @@ fn write_csv(file: &Path, rows: &[Row]) -> Result<()> {
     }
     let text = writer.into_inner().expect("memory takes all");
     std::fs::write(file, text).map_err(|e| Error::io(file, &e))
-}
-
-fn print(text: &str) -> Result<()> {
-    use std::io::Write;
-    std::io::stdout().write_all(text.as_bytes()).map_err(|e| Error::io(Path::new("stdout"), &e))
 }

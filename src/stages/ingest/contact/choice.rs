@@ -123,7 +123,7 @@ pub fn halving(cell: &Cell, segments: &[Segment], near_m: f64) -> Option<Cut> {
 }
 
 /// The split of a region along one of its segments; of few, that which leaves the fewest parts in the end, then the longest.
-/// None if none can be made. Takes segments away that split nothing. They come in order of length.
+/// None if none can be made. They come in order of length; of many, those that split nothing are taken away.
 pub fn along_segment(cell: &Cell, segments: &mut Vec<Segment>, near_m: f64) -> Option<Cut> {
     if segments.len() > FEW {
         return along_best(cell, segments, near_m);
