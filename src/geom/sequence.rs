@@ -1,5 +1,5 @@
-//! Deterministic low-discrepancy points: a rank-1 (R2) sequence shifted by a seed, so that every
-//! random number derives from `--seed` and from names.
+//! Deterministic points that fill space evenly: Sobol's sequence, scrambled by a seed, so that every random number derives
+//! from `--seed` and from names.
 
 use std::f64::consts::PI;
 
@@ -25,14 +25,56 @@ pub fn unit(x: u64) -> f64 {
     (x >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
 }
 
-/// Points of the four-dimensional R sequence with a random shift (Cranley-Patterson).
+/// Points of Sobol's sequence in four dimensions, scrambled as Owen has it: what lies in one part of a grid stays together
+/// and goes to another part. Runs of 2^k points from a multiple of 2^k on have one in each part of every grid of that many,
+/// in the first two dimensions; in the others nearly so.
 #[derive(Clone, Copy, Debug)]
 pub struct Sequence {
-    shift: [u64; 4],
+    seeds: [u32; 4],
 }
 
-/// 2^64 / g^k for the root g of x^5 = x + 1, the generalised golden ratio of four dimensions.
-const STEP: [u64; 4] = [0xdb4f_0b91_75ae_2165, 0xbbe0_5633_03a4_615f, 0xa0f2_ec75_a1fe_1575, 0x89e1_8285_7d9e_d688];
+/// Number `i` of a dimension is what bit `i` of a point's number turns round, the lowest bit the first after the point: by
+/// primitive polynomials of degrees 0 to 3 and first numbers as of Joe and Kuo (2008).
+const DIRECTIONS: [[u32; 4]; 32] = {
+    /// Degree, inner coefficients, first numbers.
+    const POLYNOMIALS: [(usize, u32, [u32; 3]); 4] =
+        [(0, 0, [0; 3]), (1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
+    let mut directions = [[0; 4]; 32];
+    let mut dimension = 0;
+    while dimension < 4 {
+        let (degree, inner, first) = POLYNOMIALS[dimension];
+        let mut numbers = [0u32; 32];
+        let mut i = 0;
+        while i < 32 {
+            numbers[i] = if degree == 0 {
+                1 << (31 - i)
+            } else if i < degree {
+                first[i] << (31 - i)
+            } else {
+                let mut number = numbers[i - degree] ^ numbers[i - degree] >> degree;
+                let mut k = 1;
+                while k < degree {
+                    number ^= (inner >> (degree - 1 - k) & 1) * numbers[i - k];
+                    k += 1;
+                }
+                number
+            };
+            directions[i][dimension] = numbers[i].reverse_bits();
+            i += 1;
+        }
+        dimension += 1;
+    }
+    directions
+};
+
+/// A hash whose every bit depends on itself and those below alone (Laine and Karras 2011, with Vegdahl's constants).
+fn scrambled(mut bits: u32, seed: u32) -> u32 {
+    bits ^= bits.wrapping_mul(0x3d20_adea);
+    bits = bits.wrapping_add(seed);
+    bits = bits.wrapping_mul(seed >> 16 | 1);
+    bits ^= bits.wrapping_mul(0x0552_6c56);
+    bits ^ bits.wrapping_mul(0x53a2_2864)
+}
 
 impl Sequence {
     /// The sequence of a seed.
@@ -40,17 +82,26 @@ impl Sequence {
     pub fn new(seed: u64) -> Self {
         let mut state = seed;
         Self {
-            shift: std::array::from_fn(|_| {
+            seeds: std::array::from_fn(|_| {
                 state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-                mix(state)
+                mix(state) as u32
             }),
         }
     }
 
-    /// Point `index`, each coordinate in [0, 1).
+    /// Point `index`, below 2^32, each coordinate in [0, 1).
     #[must_use]
     pub fn point(&self, index: u64) -> [f64; 4] {
-        std::array::from_fn(|d| unit(self.shift[d].wrapping_add(STEP[d].wrapping_mul(index + 1))))
+        let (mut left, mut bits) = (index as u32, [0; 4]);
+        while left != 0 {
+            let of_bit = &DIRECTIONS[left.trailing_zeros() as usize];
+            bits = std::array::from_fn(|d| bits[d] ^ of_bit[d]);
+            left &= left - 1;
+        }
+        std::array::from_fn(|d| {
+            let number = scrambled(bits[d], self.seeds[d]).reverse_bits();
+            (f64::from(number) + 0.5) * (1.0 / (1u64 << 32) as f64)
+        })
     }
 }
 
@@ -66,16 +117,36 @@ pub fn cosine_direction(normal: DVec3, u: f64, v: f64) -> DVec3 {
 mod tests {
     use super::*;
 
+    /// Cells of a grid of 2^a by 2^b that points lie in.
+    fn cells(points: &[[f64; 4]], [d, e]: [usize; 2], [a, b]: [u32; 2]) -> usize {
+        let at = |x: f64, levels: u32| (x * f64::from(1u32 << levels)) as u32;
+        points.iter().map(|p| (at(p[d], a), at(p[e], b))).collect::<std::collections::BTreeSet<_>>().len()
+    }
+
     #[test]
-    fn the_steps_are_powers_of_the_generalised_golden_ratio() {
-        let mut g = 1.5f64;
-        for _ in 0..100 {
-            g = (1.0 + g).powf(0.2);
+    fn runs_have_a_point_in_each_part_of_every_grid() {
+        for seed in 0..20 {
+            let sequence = Sequence::new(seed);
+            for levels in 0..=8 {
+                let count = 1u64 << levels;
+                let run: Vec<_> = (seed * count..(seed + 1) * count).map(|i| sequence.point(i)).collect();
+                for a in 0..=levels {
+                    assert_eq!(cells(&run, [0, 1], [a, levels - a]), run.len(), "seed {seed}, 2^{a} of 2^{levels}");
+                }
+                for d in 0..4 {
+                    assert_eq!(cells(&run, [d, d], [levels, 0]), run.len(), "dimension {d}");
+                }
+            }
         }
-        for (k, step) in STEP.iter().enumerate() {
-            let expected = g.powi(-(k as i32 + 1));
-            assert!((unit(*step) - expected).abs() < 1e-12, "{k}: {} {expected}", unit(*step));
-        }
+    }
+
+    #[test]
+    fn scrambling_is_even_whatever_the_point() {
+        let means: [f64; 4] = (0..10_000).fold([0.0; 4], |sum, seed| {
+            let point = Sequence::new(seed).point(3);
+            std::array::from_fn(|d| sum[d] + point[d] / 1e4)
+        });
+        assert!(means.iter().all(|mean| (mean - 0.5).abs() < 0.015), "{means:?}");
     }
 
     #[test]

@@ -99,14 +99,11 @@ impl Case {
             cost: rays,
             urgency: self.urgency,
         });
+        // Children have less structure, and more noise where they have fewer rays.
+        let noisier = noise * (f64::from(self.rounds) / f64::from(rounds_of_children(self.rounds)) - 1.0);
+        let mended = if found > 0.0 { SPLIT * found - noisier } else { 0.0 };
         // What casting can no longer mend, smaller elements share.
-        let promise = if found > 0.0 {
-            SPLIT * found
-        } else if cast.is_none() {
-            DOUBLED * noise
-        } else {
-            0.0
-        };
+        let promise = if cast.is_none() { mended.max(DOUBLED * noise) } else { mended };
         let split = (promise > 0.0 && self.may_be_split()).then(|| Offer {
             act: Act::Split,
             promise: promise * self.weight_m2,
@@ -201,6 +198,8 @@ mod tests {
         };
         assert_eq!(case(1.0, 0.1, 4).offer().unwrap().act, Act::Split);
         assert_eq!(case(0.0, 0.1, 4).offer().unwrap().act, Act::Cast, "not found");
+        assert_eq!(case(1.0, 0.5, 16).offer().unwrap().promise, 0.6, "children have half of its rays");
+        assert_eq!(case(1.0, 0.7, 16).offer().unwrap().act, Act::Cast, "smaller elements would be no better");
         assert_eq!(case(0.0, 0.1, MOST_ROUNDS).offer().unwrap().act, Act::Split, "casting is used up");
         assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 512.0, urgency: 1.0 }));
         assert_eq!(Case { depth: MAX_DEPTH, ..case(1.0, 0.0, 4) }.offer(), None);

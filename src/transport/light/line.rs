@@ -76,8 +76,9 @@ pub struct Design {
     open: u16,
 }
 
-/// Noise of a mean, relative to what the halves differ by at a place over the number of places.
-const OF_MEAN: f64 = 0.5;
+/// Noise of a mean, relative to what the halves differ by at a place over the number of places: half of that were rays random,
+/// less since those of a half are spread evenly.
+const OF_MEAN: f64 = 0.25;
 
 /// As how many more numbers that counts, beside what the halves' means differ by.
 const KNOWN: f64 = 4.0;
@@ -250,9 +251,14 @@ mod tests {
                 let cell = |k: usize, x: f64| (k as f64 + x) / 4.0 - 0.5;
                 [cell(i % 4, numbers.next()), cell(i / 4, numbers.next())]
             });
-            let halves: Halves = std::array::from_fn(|i| {
-                std::array::from_fn(|_| [(field(places[i]) + deviation * numbers.normal()) as f32, 0.0, 0.0])
+            // The mean of numbers that are spread evenly has less noise than they would give it one by one.
+            let evenly = 1.0 - (OF_MEAN / 0.5).sqrt();
+            let of_halves = [0, 1].map(|_| {
+                let noise: [f64; PLACES] = std::array::from_fn(|_| deviation * numbers.normal());
+                noise.map(|x| x - evenly * noise.iter().sum::<f64>() / PLACES as f64)
             });
+            let halves: Halves =
+                std::array::from_fn(|i| of_halves.map(|noise| [(field(places[i]) + noise[i]) as f32, 0.0, 0.0]));
             let fit = Design::new(places, u16::MAX).fit(&halves, &SQUARE);
             structure += fit.structure;
             noise += fit.noise;

@@ -123,8 +123,8 @@ pub struct Measured {
     pub carried: Rgb,
 }
 
-/// One of so many rays over the hemisphere goes on as a path.
-const GOES_ON: u64 = 4;
+/// Rays of each half over the hemisphere that go on as paths: the first, which are spread evenly, as all of them are.
+const GO_ON: u64 = RAYS[1] / 4;
 
 impl Audit<'_> {
     /// Measures a place of a node's side.
@@ -141,15 +141,14 @@ impl Audit<'_> {
         let (mut carried, mut number) = (Rgb::BLACK, 0);
         let mut go_on = |met: Met| {
             number += 1;
-            if met.index.is_multiple_of(GOES_ON) {
+            if met.index < GO_ON {
                 let from_here = paths.leaving(met, mix(seed ^ mix(number << 32)))?;
                 carried += from_here + own.missed(self.clusters, &met)?;
             }
             Ok(())
         };
         let Arrives { halves, direct } = check.measure((node, place), seed, &mut 0, &mut go_on)?;
-        let all = 2 * RAYS[1].div_ceil(GOES_ON);
-        Ok(Measured { halves, carried: direct + carried * (1.0 / all as f64) })
+        Ok(Measured { halves, carried: direct + carried * (1.0 / (2 * GO_ON) as f64) })
     }
 }
 

@@ -17,6 +17,9 @@ const BATCH: u64 = 64;
 /// Batches, at least and at most.
 const BATCHES: (u64, u64) = (4, 64);
 
+/// Standard errors that are to lie within the tolerance.
+const SURELY: f64 = 3.0;
+
 /// What a point is measured with.
 pub struct Gather<'a> {
     /// What rays can meet.
@@ -25,33 +28,40 @@ pub struct Gather<'a> {
     pub clusters: &'a dyn Clusters,
     /// Its light.
     pub lights: &'a dyn Lights,
-    /// Standard error that is good enough, relative to what arrives.
+    /// Error that is good enough, relative to what arrives.
     pub tolerance: f64,
 }
 
-/// Sums over rays, to tell how much their mean is worth.
+/// Sums over batches of rays, to tell how much their mean is worth: rays of a batch are spread evenly, so that batches differ
+/// by far less than rays do.
 #[derive(Default)]
 struct Sum {
     light: Rgb,
     squares: f64,
-    rays: u64,
+    batches: u64,
 }
 
 impl Sum {
+    /// Adds the mean of a batch.
     fn add(&mut self, light: Rgb) {
         self.light += light;
         self.squares += light.norm_squared();
-        self.rays += 1;
+        self.batches += 1;
+    }
+
+    /// Numbers of the next batch's rays.
+    fn next(&self) -> std::ops::Range<u64> {
+        self.batches * BATCH..(self.batches + 1) * BATCH
     }
 
     fn mean(&self) -> Rgb {
-        self.light * (1.0 / self.rays.max(1) as f64)
+        self.light * (1.0 / self.batches.max(1) as f64)
     }
 
-    /// Variance of the mean, (W/m2)2.
+    /// Variance of the mean, (W/m2)2; at least that, since batches complement each other.
     fn variance(&self) -> f64 {
-        let n = self.rays.max(1) as f64;
-        ((self.squares / n - self.mean().norm_squared()) / n).max(0.0)
+        let n = self.batches as f64;
+        ((self.squares / n - self.mean().norm_squared()) / (n - 1.0)).max(0.0)
     }
 }
 
@@ -63,28 +73,27 @@ impl Gather<'_> {
         let (mut direct, mut indirect) = (Sum::default(), Sum::default());
         let aim = lamps.tree.aim(facet.place, facet.normal);
         for batch in 0..BATCHES.1 {
-            let enough = self.tolerance.powi(2) * (direct.mean() + indirect.mean()).norm_squared();
+            let enough = (self.tolerance / SURELY).powi(2) * (direct.mean() + indirect.mean()).norm_squared();
             let is_early = batch < BATCHES.0;
-            if aim.is_some() && (is_early || direct.variance() > 0.5 * enough) {
-                for index in direct.rays..direct.rays + BATCH {
-                    let reached = aim
-                        .as_ref()
-                        .and_then(|aim| lamps.tree.reach(&self.scene, aim, facet, to_lamps.point(index), rays));
-                    let Some((lamp, factor)) = reached else {
-                        direct.add(Rgb::BLACK);
-                        continue;
-                    };
-                    direct.add(Rgb::from_f32(exitance(self.clusters, lamp)?) * factor);
+            if let Some(aim) = aim.as_ref().filter(|_| is_early || direct.variance() > 0.5 * enough) {
+                let mut light = Rgb::BLACK;
+                for index in direct.next() {
+                    if let Some((lamp, factor)) = lamps.tree.reach(&self.scene, aim, facet, to_lamps.point(index), rays)
+                    {
+                        light += Rgb::from_f32(exitance(self.clusters, lamp)?) * factor;
+                    }
                 }
+                direct.add(light * (1.0 / BATCH as f64));
             }
             if is_early || indirect.variance() > 0.5 * enough {
-                for index in indirect.rays..indirect.rays + BATCH {
+                let mut light = Rgb::BLACK;
+                for index in indirect.next() {
                     *rays += 1;
-                    indirect.add(match self.met(facet, over.point(index), index) {
-                        Some(met) => self.leaving(facet, lamps, &met)?,
-                        None => Rgb::BLACK,
-                    });
+                    if let Some(met) = self.met(facet, over.point(index), index) {
+                        light += self.leaving(facet, lamps, &met)?;
+                    }
                 }
+                indirect.add(light * (1.0 / BATCH as f64));
             }
         }
         Ok(direct.mean() + indirect.mean())
@@ -117,7 +126,7 @@ impl Gather<'_> {
         let behind = Facet { normal: -facet.normal, ..*facet };
         *rays += BATCH;
         let met = (0..BATCH).filter_map(|index| {
-            let half = if index.is_multiple_of(2) { facet } else { &behind };
+            let half = if index < BATCH / 2 { facet } else { &behind };
             self.met(half, ways.point(index), index)
         });
         let mut clusters: Vec<ClusterId> = met.map(|met| met.cluster).collect();

@@ -174,8 +174,8 @@ fn seed_of(node: &Node, part: Part, seed: u64) -> u64 {
     mix(seed ^ mix(node.name.0 ^ (part as u64) << 63))
 }
 
-/// Numbers for the rays of an element: two independent sequences, each handed out to the places in an order of its own,
-/// so that what one half meets at a place tells nothing of what the other meets there.
+/// Numbers for the rays of an element: two independent sequences, each handed out to the places in an order of its own:
+/// were it the same, what halves have wrong would go over the places alike, and look like structure.
 pub struct Draws {
     sequences: [Sequence; 2],
     orders: [[u8; PLACES]; 2],
@@ -199,9 +199,15 @@ impl Draws {
     /// Four numbers in 0..1 for a half's ray from a place in a round.
     #[must_use]
     pub fn draw(&self, half: usize, place: usize, round: u32) -> [f64; 4] {
-        self.sequences[half].point(u64::from(round) * PLACES as u64 + u64::from(self.orders[half][place]))
+        let turned = (0..4).filter(|bit| round >> bit & 1 == 1).fold(0, |turned, bit| turned ^ TURNS[bit as usize]);
+        self.sequences[half].point(u64::from(round) * PLACES as u64 + u64::from(self.orders[half][place] ^ turned))
     }
 }
+
+/// What each bit of a round does to a place's turn in it. So turned, a round's rays are sixteen in a row of the sequence, and
+/// those of a place over 2^k rounds, k up to 4, have one in each part of every grid of that many in the first two dimensions
+/// as well. Of the eight ways to get that the one which comes nearest to it in the others.
+const TURNS: [u8; 4] = [3, 6, 12, 11];
 
 #[cfg(test)]
 mod tests {
@@ -223,6 +229,26 @@ mod tests {
     fn cell_of(element: &Node, place: DVec3) -> usize {
         let child = child_at(&element.shape, place);
         (4 * child + child_at(&element.child(child).shape, place)) as usize
+    }
+
+    #[test]
+    fn rays_of_a_place_fill_the_hemisphere_as_evenly_as_those_of_a_round() {
+        let draws = Draws::of(&node(&[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), Part::Indirect, 1);
+        for levels in 0..=4u32 {
+            let rounds = 1u32 << levels;
+            for (half, place) in [(0, 0), (0, 5), (1, 15)] {
+                for first in [0, rounds] {
+                    let rays: Vec<_> = (first..first + rounds).map(|round| draws.draw(half, place, round)).collect();
+                    for a in 0..=levels {
+                        let cell = |[u, v, ..]: [f64; 4]| {
+                            ((u * f64::from(1 << a)) as u32, (v * f64::from(1 << (levels - a))) as u32)
+                        };
+                        let cells: std::collections::BTreeSet<_> = rays.iter().map(|&ray| cell(ray)).collect();
+                        assert_eq!(cells.len(), rays.len(), "place {place}, rounds from {first}, 2^{a} of 2^{levels}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]
