@@ -58,7 +58,7 @@ impl Sum {
         self.light * (1.0 / self.batches.max(1) as f64)
     }
 
-    /// Variance of the mean, (W/m2)2; at least that, since batches complement each other.
+    /// Variance of the mean, (W/m2)2; it is no more than this, since batches complement each other.
     fn variance(&self) -> f64 {
         let n = self.batches as f64;
         ((self.squares / n - self.mean().norm_squared()) / (n - 1.0)).max(0.0)
