@@ -315,7 +315,8 @@ impl GroupSolver<'_, '_> {
             add(&mut report.power.absorbed_w, (Rgb::grey(1.0) - rho).times(received) * area);
             let row = member.above[at][Part::Indirect as usize];
             let escape = member.escapes.get(row as usize).copied().unwrap_or(0.0);
-            add(&mut report.power.escaped_w, (exitance + rho.times(received)) * (area * f64::from(escape)));
+            let escaped = (exitance + rho.times(received)) * (area * f64::from(escape));
+            add(&mut report.power.escaped_w, escaped.times(Rgb::from_f32(self.settings.gain)));
         }
         Ok(())
     }
