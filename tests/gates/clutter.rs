@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::motion::write_box;
 use super::solved::{Leaf, Solved, Wrong, grey, irradiance, mean, radiosity, solve_to};
-use super::{BALANCE_STANDARD, compare_mean_value};
+use super::{BALANCE, MEAN, compare_mean_value};
 
 const ROOM: DVec3 = DVec3::new(6.0, 4.0, 3.0);
 
@@ -114,8 +114,8 @@ fn expect_right(lamps: u32) {
     let brightest = closed.iter().map(irradiance).fold(0.0, f64::max);
     assert_eq!(brightest, 0.0, "{lamps} lamps: light in the closed cupboard");
     let balance = solved.summary["energy_balance"].as_f64().unwrap();
-    assert!(balance <= BALANCE_STANDARD, "{lamps} lamps: energy balance {balance}");
-    compare_mean_value(&solved, 0.5, BALANCE_STANDARD);
+    assert!(balance <= BALANCE, "{lamps} lamps: energy balance {balance}");
+    compare_mean_value(&solved, 0.5, MEAN);
 }
 
 #[test]
