@@ -22,8 +22,7 @@ fn solve_with(name: &str, add: impl Fn(&mut String)) -> Solved {
     write_box(&mut obj, "lamp", lamp, (false, false), |p| p);
     add(&mut obj);
     std::fs::write(&model, obj).unwrap();
-    // What lies beside a foot is little of the room: finer than a draft, whose tolerance is that of all light together.
-    solve_file(&model, Some(MATERIALS), &["--tolerance", "0.015"])
+    solve_file(&model, Some(MATERIALS), &[])
 }
 
 /// A box of 1 x 1 x 0.6 m about its middle on the floor.
