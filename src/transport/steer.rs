@@ -258,6 +258,7 @@ mod tests {
         let gained = gain([1.0; 3], still(power(0.95, 0.0)), 0.02);
         assert!(gained.iter().all(|gain| (gain - 1.005).abs() < 1e-12), "{gained:?}");
         assert_eq!(gain(gained, still(power(0.9995, 0.0)), 0.02), gained, "it adds up");
+        assert_eq!(gain([1.0; 3], still(power(0.64, 0.3595)), 0.02), [1.0; 3], "an open one adds up");
         let gained = gain([1.0; 3], still(power(0.61, 0.36)), 0.02);
         assert!(gained.iter().all(|gain| (gain - 10.39 / 10.36).abs() < 1e-12), "what leaves is off alike: {gained:?}");
         assert_eq!(gain([1.0; 3], still(power(0.8, 0.0)), 0.02), [1.0; 3], "wrong");
