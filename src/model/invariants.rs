@@ -1,7 +1,7 @@
 //! What must be true of an extent beyond its checksum; each function says what is not.
 
 use super::cut::CutNode;
-use super::geometry::{GeometryView, NONE, SideMaterial, TreeNode};
+use super::geometry::{GeometryView, NONE, Seam, SideMaterial, TreeNode};
 use super::light::LightView;
 use super::links::LinksView;
 use super::origin::{BakeCorner, PatchSource};
@@ -73,7 +73,21 @@ pub fn geometry(payload: &[u8], cluster: u32) -> Result<(), String> {
     }
     ensure(ascending(view.sectors.iter().map(|s| s.name)), || "sector nodes are out of order".to_owned())?;
     let placed = view.sectors.iter().all(|s| (s.tree_node as usize) < view.tree.len());
-    ensure(placed, || "a sector node has no tree node".to_owned())
+    ensure(placed, || "a sector node has no tree node".to_owned())?;
+    let by_patch = view.seams.windows(2).all(|w| w[0].patch <= w[1].patch);
+    ensure(by_patch, || "seams are out of order".to_owned())?;
+    view.seams.iter().enumerate().try_for_each(|(i, s)| seam(&view, i, s))
+}
+
+/// Its edges are there, and places on them.
+fn seam(view: &GeometryView<'_>, at: usize, seam: &Seam) -> Result<(), String> {
+    let is_edge = |patch: u16, edge: u8| view.patches.get(usize::from(patch)).is_some_and(|p| edge < p.corner_count);
+    let edges = is_edge(seam.patch, seam.edge) && is_edge(seam.other, seam.other_edge) && seam.patch != seam.other;
+    ensure(edges, || format!("seam {at} has no edge"))?;
+    let rises = |[a, b]: [f32; 2]| 0.0 <= a && a < b && b <= 1.0;
+    let [a, b] = seam.other_along;
+    ensure(rises(seam.along) && rises([b, a]) && seam.sides <= 3, || format!("seam {at} lies nowhere"))?;
+    ensure(view.seams_of(seam.other).contains(&seam.turned()), || format!("seam {at} leads one way"))
 }
 
 /// The patches below a tree node.

@@ -21,6 +21,7 @@ use crate::geom::quadtree::patch_polygon;
 use crate::render::tone;
 use crate::store::snapshot::ClusterSummary;
 use crate::store::{ModelFacts, Store};
+use crate::transport::light::at::SideLights;
 use crate::transport::source::{ClusterView, Loaded};
 
 /// A GLB file counts its bytes in 32 bits: beyond this another file begins.
@@ -207,8 +208,11 @@ impl Walk<'_, '_> {
         let mut ply = PlyWriter::create(self.folder()).map_err(|e| self.io(&e))?;
         let mut elements = 0;
         self.clusters("export", |_, view| {
+            let mut lights = SideLights::default();
             for patch in 0..view.geometry.patches.len() {
-                elements += self.ply_patch(view, patch, exposure, &mut ply)?;
+                let sides = [2 * patch, 2 * patch + 1].map(PatchSide::from_index);
+                let meshes = sides.into_iter().filter_map(|side| SideMesh::new(view, side, &mut lights)).collect();
+                elements += self.ply_patch(meshes, exposure, &mut ply)?;
             }
             Ok(())
         })?;
@@ -225,11 +229,7 @@ impl Walk<'_, '_> {
     }
 
     /// Both sides of a patch lie in one place, and PLY viewers show both: a dark one makes way.
-    fn ply_patch(&self, view: &ClusterView<'_>, patch: usize, exposure: f64, ply: &mut PlyWriter) -> Result<u64> {
-        let meshes: Vec<SideMesh> = [2 * patch, 2 * patch + 1]
-            .into_iter()
-            .filter_map(|i| SideMesh::new(view, PatchSide::from_index(i)))
-            .collect();
+    fn ply_patch(&self, meshes: Vec<SideMesh>, exposure: f64, ply: &mut PlyWriter) -> Result<u64> {
         let lit = meshes.iter().any(|m| !m.is_dark());
         let mut elements = 0;
         for (i, mesh) in meshes.iter().enumerate() {
@@ -268,10 +268,10 @@ impl Walk<'_, '_> {
     }
 
     fn glb_mesh(&self, view: &ClusterView<'_>) -> (GlbMesh, u64) {
-        let (mut mesh, mut elements) = (GlbMesh::default(), 0);
+        let (mut mesh, mut elements, mut lights) = (GlbMesh::default(), 0, SideLights::default());
         let narrow = |p: [f64; 3]| self.upright(p).map(|x| (x + 0.0) as f32);
         for side in leaves::sides(view) {
-            let Some(of_side) = SideMesh::new(view, side) else { continue };
+            let Some(of_side) = SideMesh::new(view, side, &mut lights) else { continue };
             let first = mesh.positions.len() as u32;
             for (place, radiosity) in &of_side.vertices {
                 mesh.positions.push(narrow(*place));

@@ -22,7 +22,7 @@ use crate::rays::node::Node;
 use crate::store::tasks::UpdateRow;
 use crate::store::{SegmentWriter, segment};
 use crate::transport::iterate::relax::{self, Inner, Member, Shapes};
-use crate::transport::light::at::SideLight;
+use crate::transport::light::at::SideLights;
 use crate::transport::light::lit::Lights;
 use crate::transport::light::lit::LitCluster;
 use crate::transport::measure::check::{Check, RAYS};
@@ -407,11 +407,11 @@ impl GroupSolver<'_, '_> {
             let (view, mesh) = (loaded.view(), &members[index].mesh);
             let lamps = LightTree::of_clusters(self.set, &self.set.visible(id)?.0)?;
             let check = Check { scene: self.scene, lamps: &lamps, exitance: &exitance, leaving: &leaving };
+            let mut lights = SideLights::default();
             for of_side in of_cluster.chunk_by(|a, b| a.1 == b.1) {
                 let side = PatchSide::from_index(of_side[0].1);
                 let patch = &view.geometry.patches[usize::from(side.patch)];
-                let lines = mesh.leaves(side).into_iter().map(|at| (mesh.elements[at].name, mesh.elements[at].line));
-                let light = SideLight::new(patch, &lines.collect::<Vec<_>>());
+                let light = lights.of(&view.geometry, side, |at| mesh.lines(at));
                 for &(_, _, turn, element, share) in of_side {
                     let leaf = &mesh.elements[element];
                     let node = Node::at(id, patch, leaf.name);

@@ -8,7 +8,7 @@ use crate::geom::grid::{GridPoint, element_corners};
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree::{element_polygon, patch_polygon};
 use crate::model::light::ElementLight;
-use crate::transport::light::at::SideLight;
+use crate::transport::light::at::SideLights;
 use crate::transport::light::line::Line;
 use crate::transport::source::ClusterView;
 
@@ -82,14 +82,14 @@ pub struct SideMesh {
 }
 
 impl SideMesh {
-    /// From its leaves; `None` if there are none.
+    /// From its leaves; `None` if there are none. `lights`: of its cluster.
     #[must_use]
-    pub fn new(view: &ClusterView<'_>, at: PatchSide) -> Option<Self> {
+    pub fn new(view: &ClusterView<'_>, at: PatchSide, lights: &mut SideLights) -> Option<Self> {
         let lines = lines_of_side(view, at);
         let leaves = of_lines(view, at, &lines);
         let first = leaves.first()?;
         let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
-        let light = SideLight::new(&view.geometry.patches[usize::from(at.patch)], &lines);
+        let light = lights.of(&view.geometry, at, |side| lines_of_side(view, side));
         let material = &view.materials[at.index()];
         let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
         let mut known: std::collections::BTreeMap<GridPoint, u32> = std::collections::BTreeMap::new();
@@ -118,8 +118,8 @@ impl SideMesh {
             for i in 0..count {
                 outline.push(vertex(Some(points[of(i)]), corners[i], values[of(i)]));
                 let to = corners[(i + 1) % count] - corners[i];
-                for (point, along, arrives) in light.between(points[of(i)], points[of(i + 1)]) {
-                    outline.push(vertex(Some(point), corners[i] + to * along, arrives));
+                for between in light.between(leaf.name, points[of(i)], points[of(i + 1)]) {
+                    outline.push(vertex(between.point, corners[i] + to * between.along, between.light));
                 }
             }
             if outline.len() == count {

@@ -1,5 +1,7 @@
 //! The light of a version at places of surfaces, as it is stored: no rays, no links.
 
+use std::rc::Rc;
+
 use glam::DVec3;
 use lru::LruCache;
 
@@ -9,13 +11,13 @@ use crate::base::{ClusterId, PatchSide, Result, Rgb};
 use crate::transport::light::at::SideLight;
 use crate::transport::source::{ClusterView, Loaded};
 
-/// Bytes that a leaf takes while its side is held.
-const LEAF_BYTES: usize = 160;
+/// Bytes that a corner of leaves takes while its side is held: a place in a table that is half empty.
+const CORNER_BYTES: usize = 80;
 
 /// Reads a version's light; sides are held as far as there is room.
 pub struct StoredLight<'a, 's> {
     set: &'a WorkingSet<'s>,
-    held: LruCache<(u32, usize), (SideLight, usize)>,
+    held: LruCache<(u32, usize), (Rc<SideLight>, usize)>,
     bytes: usize,
     limit_bytes: usize,
 }
@@ -47,19 +49,23 @@ impl<'a, 's> StoredLight<'a, 's> {
     }
 
     fn side(&mut self, view: &ClusterView<'_>, at: PatchSide) -> &SideLight {
-        let key = (view.id.0, at.index());
-        if !self.held.contains(&key) {
-            let lines = leaves::lines_of_side(view, at);
-            let bytes = lines.len() * LEAF_BYTES;
-            let side = SideLight::new(&view.geometry.patches[usize::from(at.patch)], &lines);
-            self.held.put(key, (side, bytes));
-            self.bytes += bytes;
+        let key = |side: PatchSide| (view.id.0, side.index());
+        if !self.held.contains(&key(at)) {
+            let light = Rc::new(SideLight::new(&view.geometry, at, |side| leaves::lines_of_side(view, side)));
+            for side in light.sides(at) {
+                let bytes = light.corners_of(side) * CORNER_BYTES;
+                if let Some((_, replaced)) = self.held.put(key(side), (Rc::clone(&light), bytes)) {
+                    self.bytes -= replaced;
+                }
+                self.bytes += bytes;
+            }
+            self.held.promote(&key(at));
             while self.bytes > self.limit_bytes && self.held.len() > 1 {
                 if let Some((_, (_, freed))) = self.held.pop_lru() {
                     self.bytes -= freed;
                 }
             }
         }
-        &self.held.get(&key).expect("just put there").0
+        &self.held.get(&key(at)).expect("just put there").0
     }
 }

@@ -13,7 +13,7 @@ use super::{
 use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::model::ExtentKind;
 use crate::model::figures::Power;
-use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SideMaterial, TreeNode};
+use crate::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SideMaterial, TreeNode};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, RowLight};
 use crate::model::order::UpdateOrder;
@@ -76,7 +76,13 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
         (leaf.left, leaf.right, leaf.parent, leaf.patch_count) = (NONE, NONE, NONE, 1);
         (leaf.min_m, leaf.max_m) = (head.min_m, head.max_m);
         let sectors: [crate::model::geometry::SectorHead; 0] = [];
-        let geometry = ArraysBuilder::default().with(&[head]).with(&[patch]).with(&[leaf]).with(&sectors).finish();
+        let geometry = ArraysBuilder::default()
+            .with(&[head])
+            .with(&[patch])
+            .with(&[leaf])
+            .with(&sectors)
+            .with::<Seam>(&[])
+            .finish();
         let exitance = if id == 0 { [1.0; 3] } else { [0.0; 3] };
         let sides = [SideMaterial { rho: [0.5; 3], exitance }, SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }];
         let materials = ArraysBuilder::default().with(&sides).finish();

@@ -42,7 +42,13 @@ impl Loaded for Stored {
     fn view(&self) -> ClusterView<'_> {
         ClusterView {
             id: ClusterId(self.head.cluster),
-            geometry: GeometryView { head: &self.head, patches: &self.patches, tree: &self.tree, sectors: &[] },
+            geometry: GeometryView {
+                head: &self.head,
+                patches: &self.patches,
+                tree: &self.tree,
+                sectors: &[],
+                seams: &[],
+            },
             materials: &self.materials,
             light: LightView::parse(bytemuck::cast_slice(&self.light)).expect("written by `records`"),
         }

@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use clerestory::base::{ClusterId, NodeName, PatchSide};
 use clerestory::model::cut::CutNode;
-use clerestory::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode};
+use clerestory::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SectorHead, SideMaterial, TreeNode};
 use clerestory::model::layout::ArraysBuilder;
 use clerestory::model::light::{ElementLight, LightHead, RowLight};
 use clerestory::model::links::{LinksHead, RowHead, StoredHit, StoredShare};
@@ -54,7 +54,18 @@ pub fn geometry() -> Vec<u8> {
     };
     let tree = [node(0, 2, 1, 2, NONE), node(0, 1, NONE, NONE, 0), node(1, 1, NONE, NONE, 0)];
     let sectors = [SectorHead { name: NodeName::sector(ClusterId(7), 4, 0).0, area_m2: 2.0, tree_node: 0 }];
-    ArraysBuilder::default().with(&[head]).with(&[patch(0.0), patch(1.0)]).with(&tree).with(&sectors).finish()
+    let seam = Seam {
+        patch: 0,
+        other: 1,
+        edge: 1,
+        other_edge: 3,
+        sides: 3,
+        reserved: 0,
+        along: [0.0, 0.5],
+        other_along: [1.0, 0.5],
+    };
+    let shapes = ArraysBuilder::default().with(&[head]).with(&[patch(0.0), patch(1.0)]).with(&tree);
+    shapes.with(&sectors).with(&[seam, seam.turned()]).finish()
 }
 
 /// A materials extent.

@@ -9,7 +9,7 @@ use crate::stages::lamps::LampsInSight;
 use crate::stages::leaves::lines_of_side;
 use crate::stages::ray_scene::OpenScene;
 use crate::stages::working_set::WorkingSet;
-use crate::transport::light::at::SideLight;
+use crate::transport::light::at::SideLights;
 use crate::transport::measure::audit::{self, Finding, Leaf, Sums, Tally};
 use crate::transport::nodes::mesh::Mesh;
 use crate::transport::norm::Norm;
@@ -147,11 +147,11 @@ impl Drawing {
         let mut places: Vec<(usize, &Draw)> = draws.iter().map(|draw| (leaf_of(&leaves, &upto, draw), draw)).collect();
         places.sort_by_key(|(leaf, draw)| (name_of(*leaf).patch_side().index(), draw.by, draw.turn));
         let audit = audit::Audit { scene: open.scene, clusters: set, lights: set, lamps: &|cluster| lamps.of(cluster) };
-        let mut found = Found::default();
+        let (mut found, mut lights) = (Found::default(), SideLights::default());
         for of_side in places.chunk_by(|a, b| name_of(a.0).patch_side() == name_of(b.0).patch_side()) {
             let side = name_of(of_side[0].0).patch_side();
             let patch = &view.geometry.patches[usize::from(side.patch)];
-            let light = SideLight::new(patch, &lines_of_side(&view, side));
+            let light = lights.of(&view.geometry, side, |at| lines_of_side(&view, at));
             let covering = open.scene.covering(&Node::root(*cluster, patch, side));
             for &(leaf, draw) in of_side {
                 let (leaf, node) = (&leaves[leaf], Node::at(*cluster, patch, name_of(leaf)));

@@ -1,6 +1,7 @@
 //! The faces of a cluster: what rays meet of them, and the parts that become its patches.
 
 use super::clusters::{Faces, Members};
+use super::contact::PartSeam;
 use super::piece::Piece;
 use crate::base::{ClusterId, Result};
 use crate::geom::polygon::Polygon;
@@ -42,6 +43,8 @@ pub struct ClusterFaces {
     pub faces: Vec<Face>,
     /// By face, then number.
     pub parts: Vec<Part>,
+    /// Seams between them; their parts are places in `parts`.
+    pub seams: Vec<PartSeam>,
     /// Of a face that is spread over several clusters: how many follow with other parts of it.
     pub following: Option<usize>,
 }
@@ -49,9 +52,10 @@ pub struct ClusterFaces {
 impl ClusterFaces {
     /// Of the members of a cluster.
     pub fn load(from: &mut Faces<'_>, members: &Members<'_>) -> Result<Self> {
-        let (mut faces, mut parts) = (Vec::new(), Vec::new());
+        let (mut faces, mut parts, mut seams) = (Vec::new(), Vec::new(), Vec::new());
         for (face, row) in members.faces.iter().enumerate() {
             let (whole, own) = (from.whole.get(*row)?, from.cuts.faces.get(*row)?);
+            let first = parts.len();
             let mut add = |number: u32| -> Result<()> {
                 let part = from.cuts.parts.get(own.first_part + u64::from(number))?;
                 let (corners_m, named) = (part.corners_m, part.named);
@@ -63,6 +67,17 @@ impl ClusterFaces {
                 None => (0..own.parts).try_for_each(&mut add)?,
                 Some((some, _)) => some.iter().copied().try_for_each(&mut add)?,
             }
+            let place = |number: u32| {
+                let at = parts[first..].binary_search_by_key(&number, |part: &Part| part.number).ok()?;
+                Some((first + at) as u32)
+            };
+            for i in 0..own.seams {
+                let seam = from.cuts.seams.get(own.first_seam + i)?;
+                // Of a face that is spread over several clusters those between two of these are left out.
+                if let [Some(a), Some(b)] = seam.parts.map(place) {
+                    seams.push(PartSeam { parts: [a, b], ..seam });
+                }
+            }
             // Rays meet a face in the last cluster that holds some of it.
             let is_met = members.some.is_none_or(|(_, following)| following == 0);
             let mut nodes = Vec::new();
@@ -71,7 +86,7 @@ impl ClusterFaces {
             }
             faces.push(Face::new(whole, own.parts, nodes));
         }
-        Ok(Self { faces, parts, following: members.some.map(|(_, following)| following) })
+        Ok(Self { faces, parts, seams, following: members.some.map(|(_, following)| following) })
     }
 
     /// Of faces that nothing cuts.
@@ -80,7 +95,7 @@ impl ClusterFaces {
         let face = |whole: &Piece| Face::new(*whole, 1, Vec::new());
         let part = |(face, piece): (usize, &Piece)| Part { piece: *piece, face, number: 0 };
         let (faces, parts) = (pieces.iter().map(face).collect(), pieces.iter().enumerate().map(part).collect());
-        Self { faces, parts, following: None }
+        Self { faces, parts, seams: Vec::new(), following: None }
     }
 
     /// What names each face to rays: its first patch, in the last cluster that holds some of it; `order` says which part

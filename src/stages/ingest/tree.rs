@@ -3,6 +3,7 @@
 use bytemuck::Zeroable;
 use glam::DVec3;
 
+use super::contact::PartSeam;
 use super::faces::ClusterFaces;
 use super::materials::Material;
 use super::piece::{NONE as NO_MATERIAL, Piece};
@@ -11,7 +12,7 @@ use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::geom::bounds::Bounds;
 use crate::geom::grouping::cut_by_area;
 use crate::geom::polygon::Polygon;
-use crate::model::geometry::{ClusterHead, NONE, PatchRecord, SectorHead, SideMaterial, TreeNode, sector_of};
+use crate::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SectorHead, SideMaterial, TreeNode, sector_of};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, RowLight};
 use crate::rays::PatchKey;
@@ -40,6 +41,8 @@ pub struct ClusterRecords {
     pub tree: Vec<TreeNode>,
     /// Sector nodes, by name.
     pub sectors: Vec<SectorHead>,
+    /// Seams, by patch.
+    pub seams: Vec<Seam>,
     /// Materials, front then back of each patch.
     pub materials: Vec<SideMaterial>,
     /// Which part each patch was.
@@ -81,6 +84,7 @@ impl ClusterRecords {
         let shapes: Vec<Shape> = ordered().map(|part| shape(&part.piece)).collect();
         let materials = ordered().flat_map(|part| side_materials(&part.piece, rules)).collect();
         let sectors = sectors(id, &patches, &shapes, &tree);
+        let seams = seams(cluster, &order);
         let head = ClusterHead {
             cluster: id.0,
             patches: parts.len() as u32,
@@ -88,13 +92,14 @@ impl ClusterRecords {
             max_m: tree[0].max_m,
             ..ClusterHead::zeroed()
         };
-        Self { head, patches, tree, sectors, materials, order, keys }
+        Self { head, patches, tree, sectors, seams, materials, order, keys }
     }
 
     /// The geometry extent's payload.
     #[must_use]
     pub fn geometry(&self) -> Vec<u8> {
-        ArraysBuilder::default().with(&[self.head]).with(&self.patches).with(&self.tree).with(&self.sectors).finish()
+        let shapes = ArraysBuilder::default().with(&[self.head]).with(&self.patches).with(&self.tree);
+        shapes.with(&self.sectors).with(&self.seams).finish()
     }
 
     /// The materials extent's payload.
@@ -131,6 +136,26 @@ impl ClusterRecords {
         head.level_start[1..].fill(elements.len() as u32);
         ArraysBuilder::default().with(&[head]).with::<RowLight>(&[]).with(&elements).finish()
     }
+}
+
+/// The seams of a cluster's patches, each as both of its patches have it, by patch and place. `order`: which part each
+/// patch was.
+fn seams(cluster: &ClusterFaces, order: &[u32]) -> Vec<Seam> {
+    let mut patch_of = vec![0u16; order.len()];
+    for (patch, part) in order.iter().enumerate() {
+        patch_of[*part as usize] = patch as u16;
+    }
+    let both = |seam: &PartSeam| {
+        let [patch, other] = seam.parts.map(|part| patch_of[part as usize]);
+        let [edge, other_edge] = seam.edges.map(|edge| edge as u8);
+        let [along, other_along] = [0, 1].map(|i| [seam.from[i], seam.to[i]]);
+        let seam = Seam { patch, other, edge, other_edge, sides: seam.sides as u8, reserved: 0, along, other_along };
+        [seam, seam.turned()]
+    };
+    let mut seams: Vec<Seam> = cluster.seams.iter().flat_map(both).collect();
+    seams.retain(|s| s.along[0] < s.along[1] && s.other_along[1] < s.other_along[0]);
+    seams.sort_by(|a, b| (a.patch, a.edge).cmp(&(b.patch, b.edge)).then(a.along[0].total_cmp(&b.along[0])));
+    seams
 }
 
 fn below(node: &TreeNode) -> std::ops::Range<usize> {

@@ -2,61 +2,191 @@
 //! of a visit read.
 //!
 //! At corners it is the mean of what the leaves around predict, in a leaf it lies between its corners, and over the side
-//! it has the mean that is stored. A corner on an edge of a larger leaf has what lies on that edge. It never reads across
-//! patches, so never through walls.
+//! it has the mean that is stored. A corner on an edge of a larger leaf has what lies on that edge. It reads across
+//! patches where seams say that nothing stands between them, so never through walls.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use glam::DVec3;
 
-use crate::base::{NodeName, Rgb};
-use crate::geom::grid::{GridPoint, element_corners};
+use crate::base::{NodeName, PatchSide, Rgb};
+use crate::geom::grid::{GridPoint, element_corners, places_on_edges};
 use crate::geom::polygon::Polygon;
-use crate::geom::quadtree::{element_polygon, patch_polygon};
-use crate::model::geometry::PatchRecord;
+use crate::model::geometry::GeometryView;
 use crate::transport::light::line::Line;
-use crate::transport::nodes::frame::Frame;
+use crate::transport::light::sheet::{OnEdge, SAME, Sheet, SheetLeaf, around, mean};
 
-/// The irradiance over one patch side.
+/// The irradiance over a patch side, and over the parts of its face that light goes on to.
 pub struct SideLight {
-    patch: Polygon,
+    /// By patch.
+    sheets: Vec<Smooth>,
+}
+
+/// Sides of a cluster as they are asked for, those that are joined built once.
+#[derive(Default)]
+pub struct SideLights {
+    joined: HashMap<PatchSide, Rc<SideLight>>,
+}
+
+impl SideLights {
+    /// As [`SideLight::new`]; always the same cluster's.
+    pub fn of(
+        &mut self,
+        geometry: &GeometryView<'_>,
+        at: PatchSide,
+        leaves: impl Fn(PatchSide) -> Vec<(NodeName, Line)>,
+    ) -> Rc<SideLight> {
+        if let Some(known) = self.joined.get(&at) {
+            return Rc::clone(known);
+        }
+        let light = Rc::new(SideLight::new(geometry, at, leaves));
+        if light.sheets.len() > 1 {
+            self.joined.extend(light.sides(at).map(|side| (side, Rc::clone(&light))));
+        }
+        light
+    }
+}
+
+/// The irradiance over one of them.
+struct Smooth {
+    patch: u8,
+    shape: Polygon,
     corners: HashMap<GridPoint, Rgb>,
+    /// Corners of leaves beyond a seam: on which edge, how far along, and the light there, W/m2.
+    beyond: Vec<(usize, f64, Rgb)>,
+}
+
+/// A corner of smaller leaves on a leaf's edge.
+#[derive(Clone, Copy)]
+pub struct Between {
+    /// Where, if leaves of the same patch have it.
+    pub point: Option<GridPoint>,
+    /// How far along the edge, as a share.
+    pub along: f64,
+    /// W/m2.
+    pub light: Rgb,
 }
 
 impl SideLight {
-    /// From its leaves, in any order that is always the same, and their lines.
+    /// Of a side and those it is joined to; `leaves` of each, in any order that is always the same.
     #[must_use]
-    pub fn new(patch: &PatchRecord, leaves: &[(NodeName, Line)]) -> Self {
-        let (shape, frame) = (patch_polygon(patch), Frame::of(patch));
-        let mut sums: HashMap<GridPoint, (Rgb, f64)> = HashMap::with_capacity(leaves.len() + leaves.len() / 2);
-        let mut outlines = Vec::with_capacity(leaves.len());
-        for (leaf, line) in leaves {
-            let element = element_polygon(patch, leaf.path());
-            let centroid = frame.plane(element.centroid());
-            let (points, count) = element_corners(&shape, leaf.path());
-            for (point, corner) in points.iter().zip(element.corners()) {
-                let at = frame.plane(*corner);
-                let value = Rgb(line.at([at[0] - centroid[0], at[1] - centroid[1]]).0.map(|x| x.max(0.0)));
-                let (sum, leaves) = sums.entry(*point).or_default();
-                (*sum, *leaves) = (*sum + value, *leaves + 1.0);
-            }
-            outlines.push((leaf.depth(), points, count, element.area()));
+    pub fn new(
+        geometry: &GeometryView<'_>,
+        at: PatchSide,
+        leaves: impl Fn(PatchSide) -> Vec<(NodeName, Line)>,
+    ) -> Self {
+        let patches = geometry.joined(at);
+        let sheet = |patch: &u8| {
+            let of = PatchSide { patch: *patch, ..at };
+            Sheet::new(*patch, &geometry.patches[usize::from(*patch)], &leaves(of))
+        };
+        let mut sheets: Vec<Sheet> = patches.iter().map(sheet).collect();
+        for sheet in &mut sheets {
+            let open = geometry.seams_of(sheet.patch.into()).iter().filter(|s| s.sides >> at.side & 1 == 1);
+            sheet.join(&open.copied().collect::<Vec<_>>(), |patch| patches.binary_search(&patch).ok());
         }
-        let mut side =
-            Self { patch: shape, corners: sums.into_iter().map(|(at, (sum, n))| (at, sum * (1.0 / n))).collect() };
-        let mut order: Vec<usize> = (0..outlines.len()).collect();
-        order.sort_by_key(|i| outlines[*i].0);
-        for (_, points, count, _) in order.into_iter().map(|i| outlines[i]) {
-            (0..count).for_each(|i| side.straighten(points[i], points[(i + 1) % count]));
+        let mut smooth: Vec<Smooth> = sheets.iter().map(Smooth::of).collect();
+        for sheet in 0..sheets.len() {
+            for (edge, along, point) in sheets[sheet].on_edges() {
+                let places = around(&sheets, OnEdge { sheet, edge, along });
+                if places.len() == 1 {
+                    continue;
+                }
+                let light = mean(&sheets, &places);
+                smooth[sheet].corners.insert(point, light);
+                let elsewhere = |p: &&OnEdge| p.sheet != sheet && !sheets[p.sheet].has_corner(p.edge, p.along);
+                for place in places.iter().filter(elsewhere) {
+                    smooth[place.sheet].beyond.push((place.edge, place.along, light));
+                }
+            }
         }
         let (mut stored, mut between) = (Rgb::BLACK, Rgb::BLACK);
-        for ((_, points, count, area), (_, line)) in outlines.iter().zip(leaves) {
-            let sum = points[..*count].iter().fold(Rgb::BLACK, |sum, point| sum + side.corners[point]);
-            (stored, between) = (stored + line.mean * *area, between + sum * (area / *count as f64));
+        for (smooth, sheet) in smooth.iter_mut().zip(&sheets) {
+            smooth.settle(&sheet.leaves);
+            for leaf in &sheet.leaves {
+                (stored, between) = (stored + leaf.line.mean * leaf.area_m2, between + smooth.flux(leaf));
+            }
         }
         let kept = Rgb(std::array::from_fn(|c| if between.0[c] > 0.0 { stored.0[c] / between.0[c] } else { 1.0 }));
-        side.corners.values_mut().for_each(|value| *value = value.times(kept));
-        side
+        smooth.iter_mut().for_each(|smooth| smooth.scale(kept));
+        Self { sheets: smooth }
+    }
+
+    /// The sides it covers; `at`: one of them.
+    pub fn sides(&self, at: PatchSide) -> impl Iterator<Item = PatchSide> + '_ {
+        self.sheets.iter().map(move |sheet| PatchSide { patch: sheet.patch, ..at })
+    }
+
+    /// Corners of leaves on one of them.
+    #[must_use]
+    pub fn corners_of(&self, side: PatchSide) -> usize {
+        self.sheets.iter().filter(|sheet| sheet.patch == side.patch).map(|s| s.corners.len() + s.beyond.len()).sum()
+    }
+
+    fn sheet(&self, leaf: NodeName) -> &Smooth {
+        let patch = leaf.patch_side().patch;
+        let at = self.sheets.binary_search_by_key(&patch, |sheet| sheet.patch);
+        &self.sheets[at.expect("a leaf of these sides")]
+    }
+
+    /// Values at a leaf's corners, W/m2, in the winding of the front.
+    #[must_use]
+    pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
+        let sheet = self.sheet(leaf);
+        element_corners(&sheet.shape, leaf.path()).0.map(|point| sheet.at(point))
+    }
+
+    /// Corners of smaller leaves that lie between two corners of a leaf's edge, in order.
+    #[must_use]
+    pub fn between(&self, leaf: NodeName, from: GridPoint, to: GridPoint) -> Vec<Between> {
+        self.sheet(leaf).between(from, to)
+    }
+
+    /// The light at a point of a leaf, W/m2. `shape`: the leaf's, in the winding of the front.
+    #[must_use]
+    pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
+        let sheet = self.sheet(leaf);
+        let (points, count) = element_corners(&sheet.shape, leaf.path());
+        let values = points.map(|point| sheet.at(point));
+        let corners = shape.corners();
+        let around = sheet.outline(&points[..count]);
+        if around.len() > count {
+            // As a mesh has it: between the corners of the triangle about the middle that holds the point.
+            let (middle, mean) = (shape.centre(), mean_of(&values[..count]));
+            let place = |i: usize| corners[around[i].0].lerp(corners[(around[i].0 + 1) % count], around[i].1);
+            let in_triangle = |i: usize| {
+                let next = (i + 1) % around.len();
+                let weights = area_weights([middle, place(i), place(next)], point);
+                let light = mean * weights[0] + around[i].2 * weights[1] + around[next].2 * weights[2];
+                (weights.into_iter().fold(f64::INFINITY, f64::min), light)
+            };
+            let triangles = (0..around.len()).map(in_triangle);
+            return triangles.reduce(|a, b| if b.0 > a.0 { b } else { a }).expect("a leaf has corners").1;
+        }
+        let weights = mean_value_weights(corners, point);
+        weights.into_iter().zip(values).fold(Rgb::BLACK, |sum, (weight, value)| sum + value * weight)
+    }
+}
+
+impl Smooth {
+    fn of(sheet: &Sheet) -> Self {
+        Self { patch: sheet.patch, shape: sheet.shape, corners: sheet.means(), beyond: Vec::new() }
+    }
+
+    fn at(&self, point: GridPoint) -> Rgb {
+        self.corners.get(&point).copied().unwrap_or(Rgb::BLACK)
+    }
+
+    /// Once all values are there.
+    fn settle(&mut self, leaves: &[SheetLeaf]) {
+        self.beyond.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        self.beyond.dedup_by(|later, kept| later.0 == kept.0 && later.1 - kept.1 <= SAME);
+        let mut order: Vec<&SheetLeaf> = leaves.iter().collect();
+        order.sort_by_key(|leaf| leaf.depth);
+        for SheetLeaf { points, count, .. } in order {
+            (0..*count).for_each(|i| self.straighten(points[i], points[(i + 1) % count]));
+        }
     }
 
     /// Puts corners of smaller leaves that lie between two corners of a leaf's edge on the line between these.
@@ -71,38 +201,86 @@ impl SideLight {
         self.straighten(middle, to);
     }
 
-    /// Corners of smaller leaves that lie between two corners of a leaf's edge, in order: where along the edge, and the
-    /// light there, W/m2.
-    #[must_use]
-    pub fn between(&self, from: GridPoint, to: GridPoint) -> Vec<(GridPoint, f64, Rgb)> {
+    fn between(&self, from: GridPoint, to: GridPoint) -> Vec<Between> {
         let mut found = Vec::new();
         self.collect_between([(from, 0.0), (to, 1.0)], &mut found);
+        if !self.beyond.is_empty() {
+            self.collect_beyond(from, to, &mut found);
+        }
         found
     }
 
-    fn collect_between(&self, [from, to]: [(GridPoint, f64); 2], found: &mut Vec<(GridPoint, f64, Rgb)>) {
+    fn collect_between(&self, [from, to]: [(GridPoint, f64); 2], found: &mut Vec<Between>) {
         let middle = [0, 1].map(|i| (from.0[i] + to.0[i]) / 2);
-        let at = 0.5 * (from.1 + to.1);
-        if let Some(value) = self.corners.get(&middle).filter(|_| middle != from.0 && middle != to.0) {
-            self.collect_between([from, (middle, at)], found);
-            found.push((middle, at, *value));
-            self.collect_between([(middle, at), to], found);
+        let along = 0.5 * (from.1 + to.1);
+        if let Some(light) = self.corners.get(&middle).filter(|_| middle != from.0 && middle != to.0) {
+            self.collect_between([from, (middle, along)], found);
+            found.push(Between { point: Some(middle), along, light: *light });
+            self.collect_between([(middle, along), to], found);
         }
     }
 
-    /// Values at a leaf's corners, W/m2, in the winding of the front.
-    #[must_use]
-    pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
-        element_corners(&self.patch, leaf.path()).0.map(|point| self.corners.get(&point).copied().unwrap_or(Rgb::BLACK))
+    fn collect_beyond(&self, from: GridPoint, to: GridPoint, found: &mut Vec<Between>) {
+        let ends = |edge: usize| {
+            let on = |point| places_on_edges(&self.shape, point).find(|place| place.0 == edge);
+            Some([on(from)?.1, on(to)?.1])
+        };
+        let Some((edge, [from, to])) = (0..4).find_map(|edge| Some((edge, ends(edge)?))) else { return };
+        let first = self.beyond.partition_point(|other| other.0 < edge);
+        let on_edge = self.beyond[first..].iter().take_while(|other| other.0 == edge);
+        let inside =
+            on_edge.map(|(_, at, light)| ((at - from) / (to - from), *light)).filter(|b| b.0 > 0.0 && b.0 < 1.0);
+        let first = found.len();
+        found.extend(inside.map(|(along, light)| Between { point: None, along, light }));
+        found[first..].sort_by(|a, b| a.along.total_cmp(&b.along));
     }
 
-    /// The light at a point of a leaf, W/m2. `shape`: the leaf's, in the winding of the front.
-    #[must_use]
-    pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
-        let weights = mean_value_weights(shape.corners(), point);
-        let values = self.at_corners(leaf);
-        weights.into_iter().zip(values).fold(Rgb::BLACK, |sum, (weight, value)| sum + value * weight)
+    /// The corners of a leaf, and those that leaves beyond a seam have on its edges: edge, how far along it, light.
+    fn outline(&self, points: &[GridPoint]) -> Vec<(usize, f64, Rgb)> {
+        let mut outline = Vec::with_capacity(points.len());
+        for (i, point) in points.iter().enumerate() {
+            outline.push((i, 0.0, self.at(*point)));
+            if !self.beyond.is_empty() {
+                let mut beyond = Vec::new();
+                self.collect_beyond(*point, points[(i + 1) % points.len()], &mut beyond);
+                outline.extend(beyond.into_iter().map(|b| (i, b.along, b.light)));
+            }
+        }
+        outline
     }
+
+    /// The integral over a leaf, W.
+    fn flux(&self, leaf: &SheetLeaf) -> Rgb {
+        let n = leaf.count;
+        let (around, corners) = (self.outline(&leaf.points[..n]), leaf.points.map(|point| self.at(point)));
+        let mean = mean_of(&corners[..n]);
+        if around.len() == n {
+            return mean * leaf.area_m2;
+        }
+        let triangle = |i: usize| {
+            let (here, next) = (&around[i], &around[(i + 1) % around.len()]);
+            let width = if next.0 == here.0 { next.1 } else { 1.0 } - here.1;
+            (mean + here.2 + next.2) * (width / (3.0 * n as f64))
+        };
+        (0..around.len()).map(triangle).fold(Rgb::BLACK, |sum, part| sum + part) * leaf.area_m2
+    }
+
+    fn scale(&mut self, by: Rgb) {
+        self.corners.values_mut().for_each(|light| *light = light.times(by));
+        self.beyond.iter_mut().for_each(|(.., light)| *light = light.times(by));
+    }
+}
+
+fn mean_of(values: &[Rgb]) -> Rgb {
+    values.iter().fold(Rgb::BLACK, |sum, value| sum + *value) * (1.0 / values.len() as f64)
+}
+
+/// Barycentric coordinates of a point in a triangle's plane; one is below 0 outside.
+fn area_weights([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 3] {
+    let normal = (b - a).cross(c - a);
+    let doubled = normal.length_squared();
+    let share = |from: DVec3, to: DVec3| (to - from).cross(point - from).dot(normal) / doubled;
+    [share(b, c), share(c, a), share(a, b)]
 }
 
 /// Mean value coordinates of a point of a convex polygon: at most four corners, adding up to 1.
@@ -141,13 +319,15 @@ fn mean_value_weights(corners: &[DVec3], point: DVec3) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{ClusterId, PatchSide};
-    use crate::geom::quadtree;
+    use crate::base::ClusterId;
+    use crate::geom::quadtree::{child_at, element_polygon};
+    use crate::model::geometry::{ClusterHead, PatchRecord, Seam};
     use bytemuck::Zeroable;
 
-    fn square() -> PatchRecord {
+    /// A rectangle from x = `from` to `to` and y = 0 to 1.
+    fn rectangle(from: f32, to: f32) -> PatchRecord {
         let mut patch = PatchRecord::zeroed();
-        patch.corners_m = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        patch.corners_m = [[from, 0.0, 0.0], [to, 0.0, 0.0], [to, 1.0, 0.0], [from, 1.0, 0.0]];
         (patch.corner_count, patch.sides) = (4, 3);
         patch
     }
@@ -156,43 +336,132 @@ mod tests {
         Line { mean: Rgb::grey(of), ..Line::default() }
     }
 
-    fn at(side: &SideLight, leaf: NodeName, point: DVec3) -> f64 {
-        side.at(leaf, &element_polygon(&square(), leaf.path()), point).0[0]
+    fn root(patch: u8) -> NodeName {
+        NodeName::root(ClusterId(0), PatchSide { patch, side: 0 })
+    }
+
+    type Leaves = Vec<(NodeName, Line)>;
+
+    /// Patches with their leaves.
+    struct Model {
+        patches: Vec<PatchRecord>,
+        seams: Vec<Seam>,
+        leaves: Vec<Leaves>,
+    }
+
+    impl Model {
+        fn light(&self, at: u8) -> SideLight {
+            let head = ClusterHead::zeroed();
+            let (patches, seams) = (&self.patches[..], &self.seams[..]);
+            let geometry = GeometryView { head: &head, patches, tree: &[], sectors: &[], seams };
+            SideLight::new(&geometry, root(at).patch_side(), |side| self.leaves[usize::from(side.patch)].clone())
+        }
+
+        fn at(&self, light: &SideLight, patch: u8, point: DVec3) -> f64 {
+            let record = &self.patches[usize::from(patch)];
+            let mut leaf = root(patch);
+            while !self.leaves[usize::from(patch)].iter().any(|(name, _)| *name == leaf) {
+                leaf = leaf.child(child_at(&element_polygon(record, leaf.path()), point));
+            }
+            light.at(leaf, &element_polygon(record, leaf.path()), point).0[0]
+        }
+
+        /// What is stored over all patches, and what lies between corners.
+        fn fluxes(&self, light: &SideLight) -> [f64; 2] {
+            let n = 64;
+            let mut sums = [0.0; 2];
+            for (number, (record, leaves)) in self.patches.iter().zip(&self.leaves).enumerate() {
+                let shape = element_polygon(record, 1);
+                let area = |leaf: &(NodeName, Line)| element_polygon(record, leaf.0.path()).area();
+                sums[0] += leaves.iter().map(|leaf| leaf.1.mean.0[0] * area(leaf)).sum::<f64>();
+                let [a, b, _, d] = [0, 1, 2, 3].map(|i| shape.corners()[i]);
+                let share = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
+                let place = |i: u32| a + (b - a) * share(i % n) + (d - a) * share(i / n);
+                let sum: f64 = (0..n * n).map(|i| self.at(light, number as u8, place(i))).sum();
+                sums[1] += sum / f64::from(n * n) * shape.area();
+            }
+            sums
+        }
+    }
+
+    fn square(leaves: Leaves) -> Model {
+        Model { patches: vec![rectangle(0.0, 1.0)], seams: Vec::new(), leaves: vec![leaves] }
+    }
+
+    fn quarters(of: NodeName, values: [f64; 4]) -> Leaves {
+        values.into_iter().enumerate().map(|(q, value)| (of.child(q as u32), constant(value))).collect()
     }
 
     #[test]
     fn a_corner_has_the_mean_of_the_leaves_that_meet_there() {
-        let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let leaves: Vec<_> = (0..4).map(|q| (root.child(q), constant(f64::from(q)))).collect();
-        let side = SideLight::new(&square(), &leaves);
-        assert!((at(&side, root.child(2), DVec3::new(1.0, 1.0, 0.0)) - 2.0).abs() < 1e-12, "alone");
-        assert!((at(&side, root.child(2), DVec3::new(0.5, 0.5, 0.0)) - 1.5).abs() < 1e-12, "of all four");
+        let model = square(quarters(root(0), [0.0, 1.0, 2.0, 3.0]));
+        let light = model.light(0);
+        assert!((model.at(&light, 0, DVec3::new(1.0, 1.0, 0.0)) - 2.0).abs() < 1e-12, "alone");
+        assert!((model.at(&light, 0, DVec3::new(0.5, 0.5, 0.0)) - 1.5).abs() < 1e-12, "of all four");
     }
 
     #[test]
     fn light_is_continuous_where_a_small_leaf_meets_a_large_one_and_keeps_its_mean() {
-        let root = NodeName::root(ClusterId(0), PatchSide { patch: 0, side: 0 });
-        let mut leaves: Vec<_> = (1..4).map(|q| (root.child(q), constant(f64::from(q)))).collect();
-        leaves.extend((0..4).map(|q| (root.child(0).child(q), constant(8.0 + f64::from(q * q)))));
-        let side = SideLight::new(&square(), &leaves);
+        let mut leaves = quarters(root(0), [0.0, 1.0, 2.0, 3.0]);
+        leaves.splice(..1, quarters(root(0).child(0), [8.0, 9.0, 12.0, 17.0]));
+        let model = square(leaves);
+        let light = model.light(0);
         for y in [0.05, 0.2, 0.25, 0.3, 0.45] {
-            let small = root.child(0).child(if y < 0.25 { 1 } else { 2 });
-            let [left, right] = [small, root.child(1)].map(|leaf| at(&side, leaf, DVec3::new(0.5, y, 0.0)));
+            let [left, right] = [-1e-12, 1e-12].map(|x| model.at(&light, 0, DVec3::new(0.5 + x, y, 0.0)));
             assert!((left - right).abs() < 1e-9, "{left} and {right} at {y}");
         }
-        let stored = leaves.iter().map(|(leaf, line)| line.mean.0[0] * 0.25f64.powi(leaf.depth() as i32)).sum::<f64>();
-        let n = 32;
-        let sum: f64 = (0..n * n)
-            .map(|i| DVec3::new(f64::from(i % n) + 0.5, f64::from(i / n) + 0.5, 0.0) / f64::from(n))
-            .map(|point| {
-                let mut leaf = root;
-                while !leaves.iter().any(|(name, _)| *name == leaf) {
-                    leaf = leaf.child(quadtree::child_at(&element_polygon(&square(), leaf.path()), point));
-                }
-                at(&side, leaf, point)
-            })
-            .sum();
-        assert!((sum / f64::from(n * n) / stored - 1.0).abs() < 1e-3, "{} for {stored}", sum / f64::from(n * n));
+        let [stored, between] = model.fluxes(&light);
+        assert!((between / stored - 1.0).abs() < 1e-3, "{between} for {stored}");
+    }
+
+    /// Two rectangles side by side that meet from y = `from` to `to`; the right one has smaller leaves at the bottom.
+    fn two(from: f32, to: f32) -> Model {
+        let along = [from, to];
+        let seam = Seam {
+            patch: 0,
+            other: 1,
+            edge: 1,
+            other_edge: 3,
+            sides: 1,
+            reserved: 0,
+            along,
+            other_along: [1.0 - from, 1.0 - to],
+        };
+        let mut right = quarters(root(1), [5.0, 1.0, 2.0, 7.0]);
+        right.splice(..1, quarters(root(1).child(0), [8.0, 9.0, 12.0, 17.0]));
+        Model {
+            patches: vec![rectangle(0.0, 1.0), rectangle(1.0, 1.6)],
+            seams: vec![seam, seam.turned()],
+            leaves: vec![quarters(root(0), [0.0, 3.0, 2.0, 3.0]), right],
+        }
+    }
+
+    fn jump(model: &Model, y: f64) -> f64 {
+        let lights = [model.light(0), model.light(1)];
+        let [left, right] = [0, 1].map(|i| model.at(&lights[i], i as u8, DVec3::new(1.0, y, 0.0)));
+        (left - right).abs()
+    }
+
+    #[test]
+    fn light_is_continuous_over_a_seam_and_keeps_its_mean() {
+        let model = two(0.0, 1.0);
+        for y in [0.0, 0.05, 0.2, 0.25, 0.3, 0.45, 0.5, 0.7, 1.0] {
+            assert!(jump(&model, y) < 1e-9, "{} at {y}", jump(&model, y));
+        }
+        let [stored, between] = model.fluxes(&model.light(0));
+        assert!((between / stored - 1.0).abs() < 1e-3, "{between} for {stored}");
+    }
+
+    #[test]
+    fn light_is_not_read_past_the_end_of_a_seam_nor_on_the_side_on_which_it_is_closed() {
+        let model = two(0.5, 1.0);
+        for (y, is_one) in [(0.1, false), (0.3, false), (0.6, true), (0.9, true)] {
+            assert_eq!(jump(&model, y) < 1e-9, is_one, "at {y}: {}", jump(&model, y));
+        }
+        let mut closed = two(0.0, 1.0);
+        closed.seams.iter_mut().for_each(|seam| seam.sides = 2);
+        assert_eq!(closed.light(0).sides(root(0).patch_side()).count(), 1);
+        assert!(jump(&closed, 0.3) > 1.0);
     }
 
     #[test]

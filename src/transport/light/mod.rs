@@ -3,4 +3,5 @@
 pub mod at;
 pub mod line;
 pub mod lit;
+pub mod sheet;
 pub mod shrink;

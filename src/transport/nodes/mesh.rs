@@ -174,6 +174,12 @@ impl Mesh {
         leaves
     }
 
+    /// The leaves of one side with their light.
+    #[must_use]
+    pub fn lines(&self, side: PatchSide) -> Vec<(NodeName, Line)> {
+        self.leaves(side).into_iter().map(|at| (self.elements[at].name, self.elements[at].line)).collect()
+    }
+
     /// Calls `visit` with every element and its shape, those above before those below.
     pub fn for_each_shape(&self, patches: &[PatchRecord], mut visit: impl FnMut(usize, &Polygon)) {
         let mut open: Vec<(usize, Polygon)> = Vec::new();

@@ -13,6 +13,19 @@ pub struct Corner {
     pub at: DVec3,
     /// Which corner of the face it is, if it is one.
     pub of_face: Option<u8>,
+    /// What the edge that begins here lies on.
+    pub edge: Border,
+}
+
+/// What an edge of a [`Cell`] lies on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Border {
+    /// An edge of the face.
+    Outline,
+    /// The line that made the cell.
+    Made,
+    /// The line of a node of the face's cut tree.
+    Node(u32),
 }
 
 /// A convex region of a face, anticlockwise in its plane.
@@ -89,7 +102,7 @@ impl Cell {
         }
         let next = (last + 1) % n;
         let (a, b, t) = (&self.corners[last], &self.corners[next], crossing(off[last], off[next]));
-        let corner = Corner { flat: a.flat.lerp(b.flat, t), at: a.at.lerp(b.at, t), of_face: None };
+        let corner = Corner { flat: a.flat.lerp(b.flat, t), at: a.at.lerp(b.at, t), of_face: None, edge: a.edge };
         Gate { corner, is_new: true, before: last, after: next }
     }
 
@@ -99,7 +112,7 @@ impl Cell {
         let mut corners = Vec::with_capacity(count + 2);
         corners.push(start.corner);
         corners.extend((0..count).map(|k| self.corners[(start.after + k) % n]));
-        corners.push(end.corner);
+        corners.push(Corner { edge: Border::Made, ..end.corner });
         Self { corners }
     }
 }
@@ -109,8 +122,12 @@ mod tests {
     use super::*;
 
     fn cell(corners: &[[f64; 2]]) -> Cell {
-        let corner =
-            |p: &[f64; 2]| Corner { flat: DVec2::from_array(*p), at: DVec3::new(p[0], p[1], 0.0), of_face: None };
+        let corner = |p: &[f64; 2]| Corner {
+            flat: DVec2::from_array(*p),
+            at: DVec3::new(p[0], p[1], 0.0),
+            of_face: None,
+            edge: Border::Outline,
+        };
         Cell { corners: corners.iter().map(corner).collect() }
     }
 
@@ -121,6 +138,13 @@ mod tests {
         assert_eq!((halves.left.doubled_area(), halves.right.doubled_area()), (1.0, 3.0));
         assert_eq!((halves.left.corners.len(), halves.right.corners.len()), (4, 4));
         assert!(halves.left.corners.iter().all(|c| halves.line.left_m(c.flat) >= 0.0));
+        for half in [&halves.left, &halves.right] {
+            for (i, corner) in half.corners.iter().enumerate() {
+                let is_on = |c: &Corner| halves.line.left_m(c.flat).abs() < 1e-12;
+                let is_made = is_on(corner) && is_on(&half.corners[(i + 1) % 4]);
+                assert_eq!(corner.edge == Border::Made, is_made, "edge {i}");
+            }
+        }
     }
 
     #[test]

@@ -70,6 +70,11 @@ pub fn parted(segments: Vec<Segment>, line: Line, near_m: f64) -> [Vec<Segment>;
     [left, right]
 }
 
+/// The segments that run along a line.
+pub fn on_line(segments: &[Segment], line: Line, near_m: f64) -> Vec<Segment> {
+    segments.iter().filter(|s| matches!(side(s, line, near_m), Side::On)).copied().collect()
+}
+
 /// What a split along a line does to the segments of a region.
 #[derive(Default)]
 struct Effect {

@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 
 use glam::{DVec2, DVec3};
 
-use super::cell::{Cell, Corner};
+use super::cell::{Border, Cell, Corner};
 use super::choice::middles;
 use super::doubles::Edges;
 use super::joined::{CHAIN_M, Graph};
 use super::neighbours::{Face, Near, Neighbours};
 use super::plane::{Plane, box_of, is_along_edge};
-use super::segments::{Segment, Touched};
+use super::segments::{CROSSING, Segment, Touched};
 use super::sink::Sink;
 use super::tree::{Grower, longest_first};
 use super::{FaceCuts, Rules};
@@ -29,12 +29,13 @@ pub fn cut_face(face: &Face, neighbours: &mut Neighbours, rules: &Rules, sink: &
     let (points, n) = face.points();
     let points = &points[..n];
     let plane = Plane::of(points);
-    let corner = |i: usize| Corner { flat: plane.flat(points[i]), at: points[i], of_face: Some(i as u8) };
+    let corner =
+        |i: usize| Corner { flat: plane.flat(points[i]), at: points[i], of_face: Some(i as u8), edge: Border::Outline };
     let cell = Cell { corners: (0..n).map(corner).collect() };
     let mut sink = sink.face(plane, face.named);
     if cell.extent_m() < rules.least_m {
         sink.part(&cell.corners)?;
-        return Ok(sink.finish());
+        return sink.finish(0.0);
     }
     let outline: Vec<DVec2> = cell.corners.iter().map(|c| c.flat).collect();
     let farthest = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
@@ -42,7 +43,7 @@ pub fn cut_face(face: &Face, neighbours: &mut Neighbours, rules: &Rules, sink: &
     let touched = Touched { plane, outline: &outline, near_m, rules };
     let grower = Grower { sink: &mut sink, near_m, least_m: rules.least_m, corners: n };
     Work { row: face.row, touched, neighbours, grower }.cut(cell)?;
-    Ok(sink.finish())
+    sink.finish(near_m)
 }
 
 /// What the regions of a face are cut with.
@@ -64,10 +65,13 @@ impl Work<'_, '_> {
         let Some(halves) = halves.filter(|_| cell.extent_m() >= self.touched.rules.least_m) else {
             return self.grower.grow(cell, Vec::new());
         };
-        let node = self.grower.sink.node()?;
-        let left = self.cut(halves.left)?;
-        let right = self.cut(halves.right)?;
-        self.grower.sink.set(node, halves.line, [left, right])?;
+        // What stands along such a line is not known: it counts as closed.
+        let (line, corners) = (halves.line, &halves.left.corners);
+        let [first, .., last] = corners[..] else { unreachable!("a cell has corners") };
+        let all = Segment::new(first.flat, last.flat, CROSSING);
+        let (node, [left, right]) = self.grower.begin(halves, vec![all])?;
+        let (left, right) = (self.cut(left)?, self.cut(right)?);
+        self.grower.sink.set(node, line, [left, right])?;
         Ok(node)
     }
 

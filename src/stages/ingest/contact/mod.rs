@@ -7,6 +7,7 @@ mod face;
 mod joined;
 mod neighbours;
 mod plane;
+mod seams;
 mod segments;
 mod simple;
 mod sink;
@@ -20,6 +21,7 @@ use glam::DVec3;
 
 use self::face::cut_face;
 use self::neighbours::Neighbours;
+pub use self::seams::PartSeam;
 use self::sink::Sink;
 use super::piece::{FaceCorner, Piece, Source};
 use super::record_file::RecordFile;
@@ -67,6 +69,10 @@ pub struct FaceCuts {
     pub first_part: u64,
     /// Row of its cut tree's root.
     pub first_node: u64,
+    /// Row of the first seam between its parts.
+    pub first_seam: u64,
+    /// How many seams.
+    pub seams: u64,
     /// How many parts; 0 for a face that is gone, 1 for one that nothing cuts.
     pub parts: u32,
     /// How many nodes.
@@ -81,6 +87,8 @@ pub struct Cuts {
     pub parts: RecordFile<Part>,
     /// Of all faces, each face's together.
     pub nodes: RecordFile<CutNode>,
+    /// Of all faces, each face's together.
+    pub seams: RecordFile<PartSeam>,
     /// How many of what.
     pub tally: Tally,
 }
@@ -125,6 +133,7 @@ pub fn cut(
     let mut sink = Sink {
         parts: RecordFile::create(dir, "cut-parts", memory_bytes / 32)?,
         nodes: RecordFile::create(dir, "cut-nodes", memory_bytes / 32)?,
+        seams: RecordFile::create(dir, "cut-seams", memory_bytes / 32)?,
         tally: Tally { faces: neighbours.len(), ..Tally::default() },
     };
     let mut most = (1, 0);
@@ -156,12 +165,12 @@ pub fn cut(
     while faces.len() < pieces.len() {
         faces.push(FaceCuts::zeroed())?;
     }
-    let Sink { parts, nodes, mut tally } = sink;
+    let Sink { parts, nodes, seams, mut tally } = sink;
     tally.parts = parts.len();
     if most.0 > 1 {
         tally.most = Some((pieces.get(most.1)?.sources[0], most.0));
     }
-    Ok(Cuts { faces, parts, nodes, tally })
+    Ok(Cuts { faces, parts, nodes, seams, tally })
 }
 
 /// [`FaceCuts`] on their way into the order of rows.
@@ -169,18 +178,20 @@ pub fn cut(
 #[repr(C)]
 struct RowCuts {
     row: u64,
-    firsts: [u64; 2],
+    firsts: [u64; 3],
+    seams: u64,
     counts: [u32; 2],
 }
 
 impl RowCuts {
     fn new(row: u64, cuts: FaceCuts) -> Self {
-        Self { row, firsts: [cuts.first_part, cuts.first_node], counts: [cuts.parts, cuts.nodes] }
+        let FaceCuts { first_part, first_node, first_seam, seams, parts, nodes } = cuts;
+        Self { row, firsts: [first_part, first_node, first_seam], seams, counts: [parts, nodes] }
     }
 
     fn cuts(&self) -> FaceCuts {
-        let ([first_part, first_node], [parts, nodes]) = (self.firsts, self.counts);
-        FaceCuts { first_part, first_node, parts, nodes }
+        let ([first_part, first_node, first_seam], [parts, nodes]) = (self.firsts, self.counts);
+        FaceCuts { first_part, first_node, first_seam, seams: self.seams, parts, nodes }
     }
 }
 

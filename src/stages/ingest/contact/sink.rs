@@ -4,9 +4,10 @@ use bytemuck::Zeroable;
 
 use super::super::piece::FaceCorner;
 use super::super::record_file::RecordFile;
-use super::cell::Corner;
+use super::cell::{Border, Corner};
 use super::plane::{Line, Plane};
-use super::segments::{ABOVE, BELOW, CROSSING, UPRIGHT};
+use super::seams::{PartEdge, PartSeam, seams};
+use super::segments::{ABOVE, BELOW, CROSSING, Segment, UPRIGHT};
 use super::{FaceCuts, Part, Tally};
 use crate::base::Result;
 use crate::model::cut::CutNode;
@@ -17,6 +18,8 @@ pub struct Sink {
     pub parts: RecordFile<Part>,
     /// Of all faces.
     pub nodes: RecordFile<CutNode>,
+    /// Of all faces.
+    pub seams: RecordFile<PartSeam>,
     /// What was made.
     pub tally: Tally,
 }
@@ -27,19 +30,25 @@ pub struct FaceSink<'a> {
     plane: Plane,
     named: [FaceCorner; 4],
     cuts: FaceCuts,
+    /// Edges of parts that lie on lines of nodes.
+    edges: Vec<PartEdge>,
+    /// By node: what stands along its line.
+    contact: Vec<Vec<Segment>>,
 }
 
 impl Sink {
     /// A new face's.
     pub fn face(&mut self, plane: Plane, named: [FaceCorner; 4]) -> FaceSink<'_> {
-        let cuts = FaceCuts { first_part: self.parts.len(), first_node: self.nodes.len(), ..FaceCuts::zeroed() };
-        FaceSink { sink: self, plane, named, cuts }
+        let (first_part, first_node, first_seam) = (self.parts.len(), self.nodes.len(), self.seams.len());
+        let cuts = FaceCuts { first_part, first_node, first_seam, ..FaceCuts::zeroed() };
+        FaceSink { sink: self, plane, named, cuts, edges: Vec::new(), contact: Vec::new() }
     }
 }
 
 impl FaceSink<'_> {
-    /// Makes room for a node; its number.
-    pub fn node(&mut self) -> Result<u32> {
+    /// Makes room for a node; its number. `contact`: what stands along its line.
+    pub fn node(&mut self, contact: Vec<Segment>) -> Result<u32> {
+        self.contact.push(contact);
         self.sink.nodes.push(CutNode::zeroed())?;
         self.cuts.nodes += 1;
         Ok(self.cuts.nodes - 1)
@@ -57,6 +66,10 @@ impl FaceSink<'_> {
         for (i, corner) in corners.iter().enumerate() {
             part.corners_m[i..].fill(corner.at.as_vec3().to_array());
             part.named[i] = corner.of_face.map_or(FaceCorner::MADE, |k| self.named[usize::from(k)]);
+            if let Border::Node(node) = corner.edge {
+                let ends = [corner.flat, corners[(i + 1) % corners.len()].flat];
+                self.edges.push(PartEdge { node, part: self.cuts.parts, edge: i as u32, ends });
+            }
         }
         self.sink.parts.push(part)?;
         self.cuts.parts += 1;
@@ -75,9 +88,11 @@ impl FaceSink<'_> {
         }
     }
 
-    /// What the face became.
-    #[must_use]
-    pub fn finish(self) -> FaceCuts {
-        self.cuts
+    /// What the face became. Seams shorter than `near_m` are none.
+    pub fn finish(mut self, near_m: f64) -> Result<FaceCuts> {
+        let seams = seams(self.edges, &self.contact, near_m);
+        self.cuts.seams = seams.len() as u64;
+        seams.into_iter().try_for_each(|seam| self.sink.seams.push(seam))?;
+        Ok(self.cuts)
     }
 }

@@ -53,6 +53,7 @@ fn column(centre: DVec3, radius: f64, facets: u32, height: f64) -> Vec<Piece> {
 struct Result1 {
     parts: Vec<Part>,
     nodes: Vec<CutNode>,
+    seams: Vec<PartSeam>,
 }
 
 fn cut_all(pieces: &[Piece], memory_bytes: u64) -> (Vec<Result1>, Tally) {
@@ -67,6 +68,7 @@ fn cut_all(pieces: &[Piece], memory_bytes: u64) -> (Vec<Result1>, Tally) {
         Result1 {
             parts: (0..u64::from(of.parts)).map(|k| cuts.parts.get(of.first_part + k).unwrap()).collect(),
             nodes: (0..u64::from(of.nodes)).map(|k| cuts.nodes.get(of.first_node + k).unwrap()).collect(),
+            seams: (0..of.seams).map(|k| cuts.seams.get(of.first_seam + k).unwrap()).collect(),
         }
     });
     (faces.collect(), cuts.tally)
@@ -157,6 +159,10 @@ fn check(face: &Piece, result: &Result1) {
         used[(child & !CutNode::PART) as usize] = true;
     }
     assert!(used.iter().all(|u| *u) || (result.nodes.is_empty() && used.len() == 1));
+    for seam in &result.seams {
+        let [[a, b], [c, d]] = ends(result, seam);
+        assert!(a.distance(c) < 2e-4 && b.distance(d) < 2e-4 && a.distance(b) > 1e-5, "{a} {b}, {c} {d}");
+    }
     for i in 0..2000 {
         let (s, t) = (unit(mix(2 * i)), unit(mix(2 * i + 1)));
         let [s, t] = if n == 3 && s + t > 1.0 { [1.0 - s, 1.0 - t] } else { [s, t] };
@@ -169,6 +175,47 @@ fn check(face: &Piece, result: &Result1) {
         let off = depth(&of, normal, point);
         assert!(off > -rounding - 0.3 * RULES.snap_m, "{point} is {off} m off part {part}, {of:?}");
     }
+}
+
+/// Where a seam begins and ends on the edges of both of its parts.
+fn ends(result: &Result1, seam: &PartSeam) -> [[DVec3; 2]; 2] {
+    [0, 1].map(|i| {
+        let of = corners(&result.parts[seam.parts[i] as usize]);
+        let (from, to) = (of[seam.edges[i] as usize], of[(seam.edges[i] as usize + 1) % of.len()]);
+        [seam.from[i], seam.to[i]].map(|share| from.lerp(to, f64::from(share)))
+    })
+}
+
+#[test]
+fn seams_are_where_cuts_go_on_beyond_what_stands() {
+    let from = DVec3::new(2.0, 1.5, 0.0);
+    let walls = block(from, DVec3::new(1.0, 1.0, 1.0), 0.0);
+    let result = cut_first(&[&[floor(5.0, 4.0)], &walls[..]].concat());
+    let touches = |p: &DVec3| (*p - from - DVec3::new(0.5, 0.5, 0.0)).abs().max_element() < 0.5 - 0.006;
+    for seam in &result.seams {
+        let [[a, b], _] = ends(&result, seam);
+        assert!((0..=10).all(|i| !touches(&a.lerp(b, f64::from(i) / 10.0))), "{a} {b}");
+        assert_eq!(seam.sides, 3);
+    }
+    // From the box to the edges of the floor: two lines across, two from there to the others.
+    let open: f64 = result.seams.iter().map(|seam| ends(&result, seam)[0]).map(|[a, b]| a.distance(b)).sum();
+    let least = 2.0 * 1.5 + 2.0 * 1.5;
+    assert!(open > least - 0.05 && open < least + 2.05, "{open} m");
+}
+
+#[test]
+fn under_a_wall_on_a_floor_light_goes_on_below_it() {
+    let wall = quad(DVec3::new(1.0, 2.0, 0.0), DVec3::X * 2.0, DVec3::Z);
+    let result = cut_first(&[floor(5.0, 4.0), wall]);
+    assert_eq!(result.parts.len(), 2);
+    let mut sides: Vec<(u32, f64)> = result
+        .seams
+        .iter()
+        .map(|s| (s.sides, ends(&result, s)[0]))
+        .map(|(s, [a, b])| (s, (a.distance(b) * 100.0).round()))
+        .collect();
+    sides.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    assert_eq!(sides, [(2, 201.0), (3, 100.0), (3, 199.0)]);
 }
 
 #[test]
@@ -336,6 +383,7 @@ fn other_orders_and_less_memory_give_the_same() {
     for (new, old) in order.iter().enumerate() {
         assert_eq!(found[new].parts, expected[*old].parts);
         assert_eq!(found[new].nodes, expected[*old].nodes);
+        assert_eq!(found[new].seams, expected[*old].seams);
         check(&pieces[*old], &expected[*old]);
     }
     assert!(expected[0].parts.len() > 100);

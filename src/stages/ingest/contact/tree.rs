@@ -1,7 +1,7 @@
 //! A region of a face split along its segments, and what is left as parts: the nodes of the face's cut tree.
 
-use super::cell::{Cell, Corner, Halves};
-use super::choice::{CROWD, Cut, along_segment, halving, parted};
+use super::cell::{Border, Cell, Corner, Halves};
+use super::choice::{CROWD, Cut, along_segment, halving, on_line, parted};
 use super::doubles::without_doubles;
 use super::plane::Line;
 use super::segments::Segment;
@@ -49,15 +49,27 @@ impl Grower<'_, '_> {
         segments: Vec<Segment>,
         go_on: fn(&mut Self, Cell, Vec<Segment>) -> Result<u32>,
     ) -> Result<u32> {
-        let Cut { halves: Halves { line, left, right }, kinds } = cut;
+        let Cut { halves, kinds } = cut;
         if let Some(kinds) = kinds {
             self.sink.count(kinds);
         }
-        let node = self.sink.node()?;
+        let line = halves.line;
+        let (node, [left, right]) = self.begin(halves, on_line(&segments, line, self.near_m))?;
         let [on_left, on_right] = parted(segments, line, self.near_m).map(longest_first);
         let children = [go_on(self, left, on_left)?, go_on(self, right, on_right)?];
         self.sink.set(node, line, children)?;
         Ok(node)
+    }
+
+    /// Makes room for a node: its number, and the halves with their new edges named. `contact`: what stands along them.
+    pub fn begin(&mut self, halves: Halves, contact: Vec<Segment>) -> Result<(u32, [Cell; 2])> {
+        let node = self.sink.node(contact)?;
+        let named = |mut cell: Cell| {
+            let made = cell.corners.iter_mut().filter(|corner| corner.edge == Border::Made);
+            made.for_each(|corner| corner.edge = Border::Node(node));
+            cell
+        };
+        Ok((node, [halves.left, halves.right].map(named)))
     }
 
     /// Makes parts of a region: along diagonals into as few triangles and quads as it takes.
@@ -72,8 +84,9 @@ impl Grower<'_, '_> {
         }
         let best = diagonals(&cell).reduce(|a, b| if b.0 > a.0 { b } else { a });
         match best.filter(|(width_m, ..)| *width_m >= 0.5 * self.near_m) {
-            Some((_, line, [left, right])) => {
-                let node = self.sink.node()?;
+            Some((_, halves)) => {
+                let line = halves.line;
+                let (node, [left, right]) = self.begin(halves, Vec::new())?;
                 let left = self.finish(left)?;
                 let right = self.finish(right)?;
                 self.sink.set(node, line, [left, right])?;
@@ -132,16 +145,19 @@ fn flattest(corners: &[Corner]) -> f64 {
 }
 
 /// Splits along diagonals that take no more parts than need be, each with the lesser of the halves' widths, m.
-fn diagonals(cell: &Cell) -> impl Iterator<Item = (f64, Line, [Cell; 2])> {
+fn diagonals(cell: &Cell) -> impl Iterator<Item = (f64, Halves)> {
     let n = cell.corners.len();
     let pairs = (0..n).flat_map(move |i| (i + 2..n).map(move |j| [i, j])).filter(move |[i, j]| {
         let steps = j - i;
         steps < n - 1 && (n == 4 || steps % 2 == 1 || (n - steps) % 2 == 1)
     });
     pairs.map(move |[i, j]| {
-        let right = Cell { corners: cell.corners[i..=j].to_vec() };
-        let left = Cell { corners: cell.corners[j..].iter().chain(&cell.corners[..=i]).copied().collect() };
+        let mut right = Cell { corners: cell.corners[i..=j].to_vec() };
+        let mut left = Cell { corners: cell.corners[j..].iter().chain(&cell.corners[..=i]).copied().collect() };
+        for half in [&mut left, &mut right] {
+            half.corners.last_mut().expect("it has corners").edge = Border::Made;
+        }
         let line = Line::through(cell.corners[i].flat, cell.corners[j].flat);
-        (left.width_m().min(right.width_m()), line, [left, right])
+        (left.width_m().min(right.width_m()), Halves { line, left, right })
     })
 }

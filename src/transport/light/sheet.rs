@@ -1,0 +1,191 @@
+//! The leaves of a patch side, and what they predict together where they meet: over seams, with those of other patches.
+
+use std::collections::HashMap;
+
+use crate::base::{NodeName, Rgb};
+use crate::geom::grid::{GridPoint, element_corners, places_on_edges};
+use crate::geom::polygon::Polygon;
+use crate::geom::quadtree::{element_polygon, patch_polygon};
+use crate::model::geometry::{PatchRecord, Seam};
+use crate::transport::light::line::Line;
+use crate::transport::nodes::frame::{Frame, Plane};
+
+/// Places on an edge this near to each other are one, as shares of it.
+pub const SAME: f64 = 1e-5;
+
+/// A leaf with its light.
+pub struct SheetLeaf {
+    /// Levels below the patch.
+    pub depth: u32,
+    /// Its corners, as many as it has.
+    pub points: [GridPoint; 4],
+    /// How many.
+    pub count: usize,
+    /// m2.
+    pub area_m2: f64,
+    /// What arrives.
+    pub line: Line,
+    centroid: Plane,
+}
+
+/// A place on an edge of one of several sheets.
+#[derive(Clone, Copy)]
+pub struct OnEdge {
+    /// Which sheet.
+    pub sheet: usize,
+    /// Which edge, from the corner of that number to the next.
+    pub edge: usize,
+    /// How far along it, as a share.
+    pub along: f64,
+}
+
+/// Where leaves have a corner on an edge.
+struct Stop {
+    along: f64,
+    point: GridPoint,
+    /// The leaf whose edge begins there.
+    leaf: usize,
+}
+
+/// A patch side that meets others over seams.
+pub struct Sheet {
+    /// The patch.
+    pub patch: u8,
+    /// Its shape.
+    pub shape: Polygon,
+    /// Its leaves.
+    pub leaves: Vec<SheetLeaf>,
+    /// By corner of leaves: the sum of what those that meet there predict, W/m2, and how many they are.
+    sums: HashMap<GridPoint, (Rgb, f64)>,
+    frame: Frame,
+    /// By edge, ascending; no more than corners if no seam needs them.
+    stops: Vec<Vec<Stop>>,
+    /// Open ones, with the number of the sheet beyond.
+    seams: Vec<(Seam, usize)>,
+}
+
+impl Sheet {
+    /// From leaves and their lines, in any order that is always the same.
+    #[must_use]
+    pub fn new(patch: u8, record: &PatchRecord, leaves: &[(NodeName, Line)]) -> Self {
+        let (shape, frame) = (patch_polygon(record), Frame::of(record));
+        let mut sums: HashMap<GridPoint, (Rgb, f64)> = HashMap::with_capacity(leaves.len() + leaves.len() / 2);
+        let leaf = |(name, line): &(NodeName, Line)| {
+            let element = element_polygon(record, name.path());
+            let centroid = frame.plane(element.centroid());
+            let (points, count) = element_corners(&shape, name.path());
+            for (point, corner) in points.iter().zip(element.corners()) {
+                let (sum, leaves) = sums.entry(*point).or_default();
+                (*sum, *leaves) = (*sum + predicted(line, centroid, frame.plane(*corner)), *leaves + 1.0);
+            }
+            SheetLeaf { depth: name.depth(), points, count, area_m2: element.area(), line: *line, centroid }
+        };
+        let leaves = leaves.iter().map(leaf).collect();
+        Self { patch, shape, leaves, sums, frame, stops: Vec::new(), seams: Vec::new() }
+    }
+
+    /// Takes note of the open seams to the other sheets.
+    pub fn join(&mut self, seams: &[Seam], number_of: impl Fn(u8) -> Option<usize>) {
+        let beyond = |seam: &Seam| Some((*seam, number_of(seam.other as u8)?));
+        self.seams = seams.iter().filter_map(beyond).collect();
+        if self.seams.is_empty() {
+            return;
+        }
+        self.stops = self.shape.corners().iter().map(|_| Vec::new()).collect();
+        for (number, leaf) in self.leaves.iter().enumerate() {
+            for i in 0..leaf.count {
+                let (point, next) = (leaf.points[i], leaf.points[(i + 1) % leaf.count]);
+                for (edge, along) in places_on_edges(&self.shape, point) {
+                    if places_on_edges(&self.shape, next).any(|(other, to)| other == edge && to > along) {
+                        self.stops[edge].push(Stop { along, point, leaf: number });
+                    }
+                }
+            }
+        }
+        self.stops.iter_mut().for_each(|stops| stops.sort_by(|a, b| a.along.total_cmp(&b.along)));
+    }
+
+    /// By corner of leaves: the mean of what those that meet there predict, W/m2.
+    #[must_use]
+    pub fn means(&self) -> HashMap<GridPoint, Rgb> {
+        self.sums.iter().map(|(point, (sum, n))| (*point, *sum * (1.0 / n))).collect()
+    }
+
+    /// Corners of leaves on the patch's edges, if it has seams: on which edge, how far along, and where on the grid.
+    pub fn on_edges(&self) -> impl Iterator<Item = (usize, f64, GridPoint)> + '_ {
+        let of = |(edge, stops): (usize, &'_ Vec<Stop>)| stops.iter().map(move |s| (edge, s.along, s.point)).collect();
+        self.stops.iter().enumerate().flat_map(of as fn((usize, &Vec<Stop>)) -> Vec<_>)
+    }
+
+    /// Whether leaves have a corner at a place of an edge.
+    #[must_use]
+    pub fn has_corner(&self, edge: usize, along: f64) -> bool {
+        let stops = &self.stops[edge];
+        let after = stops.partition_point(|stop| stop.along <= along + SAME);
+        along >= 1.0 - SAME || along - stops[after - 1].along <= SAME
+    }
+
+    /// The seams at a place of an edge: where it lies beyond.
+    fn beyond(&self, edge: usize, along: f64) -> impl Iterator<Item = OnEdge> + '_ {
+        let meets = move |seam: &&(Seam, usize)| {
+            let [from, to] = seam.0.along.map(f64::from);
+            usize::from(seam.0.edge) == edge && (from - SAME..=to + SAME).contains(&along)
+        };
+        self.seams.iter().filter(meets).map(move |(seam, sheet)| {
+            let ([from, to], [first, last]) = (seam.along.map(f64::from), seam.other_along.map(f64::from));
+            let along = first + (along - from) / (to - from) * (last - first);
+            OnEdge { sheet: *sheet, edge: usize::from(seam.other_edge), along: along.clamp(0.0, 1.0) }
+        })
+    }
+
+    /// The sum of what the leaves at a place of an edge predict, and how many they are.
+    fn at_edge(&self, edge: usize, along: f64) -> (Rgb, f64) {
+        let stops = &self.stops[edge];
+        let after = stops.partition_point(|stop| stop.along <= along + SAME);
+        let last = &stops[after - 1];
+        if along - last.along <= SAME {
+            return self.sums[&last.point];
+        }
+        if after == stops.len() && 1.0 - along <= SAME {
+            return self.at_edge((edge + 1) % self.stops.len(), 0.0);
+        }
+        let corners = self.shape.corners();
+        let place = corners[edge].lerp(corners[(edge + 1) % corners.len()], along);
+        let leaf = &self.leaves[last.leaf];
+        (predicted(&leaf.line, leaf.centroid, self.frame.plane(place)), 1.0)
+    }
+}
+
+fn predicted(line: &Line, centroid: Plane, at: Plane) -> Rgb {
+    Rgb(line.at([at[0] - centroid[0], at[1] - centroid[1]]).0.map(|x| x.max(0.0)))
+}
+
+/// The places that are one with a place of an edge, over all seams there; itself among them, by sheet.
+#[must_use]
+pub fn around(sheets: &[Sheet], from: OnEdge) -> Vec<OnEdge> {
+    let mut found = vec![from];
+    let mut next = 0;
+    while let Some(&OnEdge { sheet, edge, along }) = found.get(next) {
+        next += 1;
+        let n = sheets[sheet].shape.corners().len();
+        let before = (along <= SAME).then_some(((edge + n - 1) % n, 1.0));
+        let after = (along >= 1.0 - SAME).then_some(((edge + 1) % n, 0.0));
+        for (edge, along) in [Some((edge, along)), before, after].into_iter().flatten() {
+            for place in sheets[sheet].beyond(edge, along) {
+                if found.iter().all(|known| known.sheet != place.sheet) {
+                    found.push(place);
+                }
+            }
+        }
+    }
+    found.sort_by_key(|place| place.sheet);
+    found
+}
+
+/// The mean of what all leaves around such places predict, W/m2.
+#[must_use]
+pub fn mean(sheets: &[Sheet], places: &[OnEdge]) -> Rgb {
+    let sums = places.iter().map(|place| sheets[place.sheet].at_edge(place.edge, place.along));
+    let (sum, n) = sums.fold((Rgb::BLACK, 0.0), |(sum, n), (more, m)| (sum + more, n + m));
+    sum * (1.0 / n)
+}
