@@ -37,6 +37,41 @@ pub fn element_corners(patch: &Polygon, path: u32) -> ([GridPoint; 4], usize) {
     (grid, shape.corners().len())
 }
 
+/// Elements of a patch one after the other, each found from what it shares with the one before.
+pub struct Descent {
+    /// Down to the last: paths, shapes and corners.
+    above: Vec<(u32, Polygon, [GridPoint; 4])>,
+}
+
+impl Descent {
+    /// Into a patch.
+    #[must_use]
+    pub fn into(patch: &Polygon) -> Self {
+        Self { above: vec![(1, *patch, element_corners(patch, 1).0)] }
+    }
+
+    /// An element's shape, and its corners in the order of the shape's.
+    pub fn to(&mut self, path: u32) -> (&Polygon, [GridPoint; 4]) {
+        let depth_of = |path: u32| (31 - path.leading_zeros()) / 2;
+        let depth = depth_of(path);
+        let is_above = |at: u32| depth_of(at) <= depth && path >> (2 * (depth - depth_of(at))) == at;
+        while self.above.last().is_some_and(|(at, ..)| !is_above(*at)) {
+            self.above.pop();
+        }
+        loop {
+            let (at, shape, grid) = self.above.last().expect("the patch is above all");
+            if *at == path {
+                break;
+            }
+            let quarter = path >> (2 * (depth - depth_of(*at) - 1)) & 3;
+            let (shape, grid) = quadtree::child_on_grid(shape, grid, quarter, mixed);
+            self.above.push((at << 2 | quarter, shape, grid));
+        }
+        let (_, shape, grid) = self.above.last().expect("just there");
+        (shape, *grid)
+    }
+}
+
 fn mixed(a: GridPoint, b: GridPoint, quarters: u32) -> GridPoint {
     std::array::from_fn(|i| (a[i] * (4 - quarters) + b[i] * quarters) / 4)
 }
@@ -70,12 +105,20 @@ mod tests {
             let corners = [[0.0, 0.0], [1.0, 0.0], if count == 3 { [0.0, 1.0] } else { [1.0, 1.0] }, [0.0, 1.0]];
             let patch = Polygon::new(&corners.map(|[u, v]| DVec3::new(u, v * squeezed, 0.0))[..count]);
             let mut shape = patch;
-            let mut path = 1;
+            let (mut path, mut descent) = (1, Descent::into(&patch));
             for quarter in [3, 1, 0, 2, 3, 3, 1] {
                 shape = quadtree::child(&shape, quarter);
                 path = path << 2 | quarter;
                 let (grid, count) = element_corners(&patch, path);
                 assert_eq!(count, shape.corners().len());
+                for other in [path, path ^ 1, 1, path ^ 4] {
+                    let (found, corners) = descent.to(other);
+                    assert_eq!(
+                        (found.corners().len(), corners),
+                        (element_corners(&patch, other).1, element_corners(&patch, other).0)
+                    );
+                }
+                assert_eq!(descent.to(path).0.corners(), shape.corners());
                 for (corner, [u, v]) in shape.corners().iter().zip(grid) {
                     let at = DVec3::new(f64::from(u), f64::from(v) * squeezed, 0.0) / one;
                     assert!(corner.distance(at) < 1e-9, "{count} {path:b}");

@@ -24,7 +24,7 @@ pub struct Leaf {
     pub irradiance: Rgb,
 }
 
-/// The lines of one patch side's leaves, in order of name; none for a side that takes no part.
+/// The lines of one patch side's leaves, in order of the tree; none for a side that takes no part.
 #[must_use]
 pub fn lines_of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<(NodeName, Line)> {
     if !view.takes_part(at.index()) {
@@ -34,21 +34,25 @@ pub fn lines_of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<(NodeName, Li
     let mut below = vec![NodeName::root(view.id, at)];
     while let Some(name) = below.pop() {
         if view.light.has_children(name) {
-            below.extend((0..4).map(|quarter| name.child(quarter)));
+            below.extend((0..4).rev().map(|quarter| name.child(quarter)));
             continue;
         }
         let light = view.light.find(name).copied().unwrap_or(ElementLight::zeroed());
         let along = [light.slope_u, light.slope_v].map(Rgb::from_f32);
         lines.push((name, Line { mean: Rgb::from_f32(light.irradiance), along }));
     }
-    lines.sort_unstable_by_key(|(name, _)| *name);
     lines
 }
 
 /// The leaves of one patch side, in order of name; none for a side that takes no part.
 #[must_use]
 pub fn of_side(view: &ClusterView<'_>, at: PatchSide) -> Vec<Leaf> {
-    of_lines(view, at, &lines_of_side(view, at))
+    of_lines(view, at, &in_order(lines_of_side(view, at)))
+}
+
+fn in_order(mut lines: Vec<(NodeName, Line)>) -> Vec<(NodeName, Line)> {
+    lines.sort_unstable_by_key(|(name, _)| *name);
+    lines
 }
 
 fn of_lines(view: &ClusterView<'_>, at: PatchSide, lines: &[(NodeName, Line)]) -> Vec<Leaf> {
@@ -85,7 +89,7 @@ impl SideMesh {
     /// From its leaves; `None` if there are none. `lights`: of its cluster.
     #[must_use]
     pub fn new(view: &ClusterView<'_>, at: PatchSide, lights: &mut SideLights) -> Option<Self> {
-        let lines = lines_of_side(view, at);
+        let lines = in_order(lines_of_side(view, at));
         let leaves = of_lines(view, at, &lines);
         let first = leaves.first()?;
         let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);

@@ -5,10 +5,10 @@
 //! it has the mean that is stored. A corner on an edge of a larger leaf has what lies on that edge. It reads across
 //! patches where seams say that nothing stands between them, so never through walls.
 
-use std::collections::HashMap;
 use std::rc::Rc;
 
 use glam::DVec3;
+use hashbrown::HashMap;
 
 use crate::base::{NodeName, PatchSide, Rgb};
 use crate::geom::grid::{GridPoint, element_corners, places_on_edges};
