@@ -15,8 +15,8 @@ use clerestory::model::links::LinksView;
 use clerestory::store::{Snapshot, Store};
 use common::{assert_sound, clerestory, finish, write_rooms};
 
-const TODAYS: &str = "old_stores/format_6";
-const OLDER: [u32; 5] = [1, 2, 3, 4, 5];
+const TODAYS: &str = "old_stores/format_7";
+const OLDER: [u32; 6] = [1, 2, 3, 4, 5, 6];
 
 /// A copy of a committed store: opening one makes files beside its catalogue.
 fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {
@@ -89,7 +89,7 @@ fn stores_of_older_formats_are_refused_by_name_with_what_to_do_and_nothing_of_th
             let output = clerestory().current_dir(dir.path()).args(args).output().unwrap();
             let said = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(12), "{format}, {args:?}: {said}");
-            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 6");
+            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 7");
             assert!(said.contains(&named), "{format}, {args:?}: {said}");
             assert!(said.contains("help: ") && said.contains("`--fresh`"), "{format}, {args:?}: {said}");
         }
@@ -113,8 +113,8 @@ fn ingest_with_fresh_makes_stores_of_older_formats_anew() {
 #[test]
 fn check_names_every_damage_with_kind_file_place_and_cause() {
     let expected = [
-        ("flipped_bit", "radiosity", "segments/000009-update.seg", "cluster 0, version 3", "checksum is wrong"),
-        ("cut_off_segment", "links", "segments/000009-update.seg", "cluster 0, version 3", "cut off"),
+        ("flipped_bit", "radiosity", "segments/000010-update.seg", "cluster 0, version 4", "checksum is wrong"),
+        ("cut_off_segment", "links", "segments/000010-update.seg", "cluster 0, version 4", "cut off"),
         ("missing_segment", "materials", "segments/000004-materials.seg", "cluster 0, version 0", "missing"),
         ("foreign_row", "geometry", "segments/000001-geometry.seg", "cluster 0", "the catalogue says"),
         ("deleted_cluster", "catalogue", "scene.sqlite", "clusters", "has 1 rows where 2 were written"),
