@@ -114,7 +114,7 @@ fn ingest_with_fresh_makes_stores_of_older_formats_anew() {
 fn check_names_every_damage_with_kind_file_place_and_cause() {
     let expected = [
         ("flipped_bit", "radiosity", "segments/000010-update.seg", "cluster 0, version 4", "checksum is wrong"),
-        ("cut_off_segment", "links", "segments/000010-update.seg", "cluster 0, version 4", "cut off"),
+        ("cut_off_segment", "links", "segments/000009-update.seg", "cluster 0, version 3", "cut off"),
         ("missing_segment", "materials", "segments/000004-materials.seg", "cluster 0, version 0", "missing"),
         ("foreign_row", "geometry", "segments/000001-geometry.seg", "cluster 0", "the catalogue says"),
         ("deleted_cluster", "catalogue", "scene.sqlite", "clusters", "has 1 rows where 2 were written"),
