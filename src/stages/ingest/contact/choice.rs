@@ -12,8 +12,9 @@ use super::tree::longest_first;
 pub const CROWD: usize = 64;
 /// Segments that are looked at for halving it: the longest.
 const CANDIDATES: usize = 16;
-/// Up to so many segments each is tried out to the end (a rollout of the choice among more).
-const FEW: usize = 24;
+/// Up to so many segments each is tried out to the end (a rollout of the choice among more). Of a duplex's 22,121 patches
+/// that saves 61; twice the number saves 131, at half as much time again for the whole of ingest.
+const FEW: usize = 12;
 /// Where a crowded region may be halved, as shares of its length.
 const MIDDLES: [f64; 9] = [0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7];
 
