@@ -102,3 +102,39 @@ fn unsafe_code_stays_in_segments_and_lanes() {
         assert!(allowed || !has_unsafe, "{}", path.display());
     }
 }
+
+/// Numbers that a formula may have.
+const OF_FORMULAS: [f64; 6] = [0.0, 0.5, 1.0, 2.0, 3.0, 4.0];
+
+/// The numbers with a point or an exponent in a line of code.
+fn floats(line: &str) -> Vec<f64> {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || ['_', '.', '~'].contains(&c);
+    // One word: the minus of an exponent is none between numbers.
+    let line = line.replace("e-", "e~");
+    let words = line.split(|c: char| !is_part(c)).filter(|word| word.starts_with(|c: char| c.is_ascii_digit()));
+    let is_float = |word: &&str| (word.contains('.') && !word.contains("..")) || word.contains('e');
+    words
+        .filter(is_float)
+        .filter_map(|word| word.replace('_', "").replace('~', "-").trim_end_matches("f64").parse().ok())
+        .collect()
+}
+
+#[test]
+fn numbers_that_were_chosen_are_in_one_file() {
+    assert_eq!(floats("x1.0 * 0.25 + 1e-9 * a[1].b - 3.0"), [0.25, 1e-9, 3.0]);
+    let mut wrong = Vec::new();
+    for (room, path, code) in files() {
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        let is_test = name.ends_with("_tests") || name == "memory_scene";
+        if room != "transport" || is_test || name == "numbers" {
+            continue;
+        }
+        let of_program = code.split("#[cfg(test)]\nmod tests").next().unwrap();
+        for line in of_program.lines() {
+            if floats(line).iter().any(|number| !OF_FORMULAS.contains(number)) {
+                wrong.push(format!("{}: {}", path.display(), line.trim()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "numbers for src/transport/numbers.rs:\n{}", wrong.join("\n"));
+}

@@ -111,7 +111,7 @@ mod tests {
                 path = path << 2 | quarter;
                 let (grid, count) = element_corners(&patch, path);
                 assert_eq!(count, shape.corners().len());
-                for other in [path, path ^ 1, 1, path ^ 4] {
+                for other in [path, path ^ 1, 1, path ^ 3] {
                     let (found, corners) = descent.to(other);
                     assert_eq!(
                         (found.corners().len(), corners),

@@ -25,10 +25,11 @@ use crate::transport::iterate::relax::{self, Inner, Member, Shapes};
 use crate::transport::light::at::SideLights;
 use crate::transport::light::lit::Lights;
 use crate::transport::light::lit::LitCluster;
-use crate::transport::measure::check::{Check, RAYS};
+use crate::transport::measure::check::Check;
 use crate::transport::measure::lamps::LightTree;
 use crate::transport::nodes::mesh::Mesh;
 use crate::transport::norm::Norm;
+use crate::transport::numbers;
 use crate::transport::records;
 use crate::transport::refine::{self, Around, Context, Refined, Sides};
 use crate::transport::row::{Hit, Part};
@@ -339,10 +340,6 @@ impl GroupSolver<'_, '_> {
     }
 }
 
-/// Share of the rays in rows that places measured anew may cost while rows are marked, and else, when rows stay and
-/// iterations add up; at least so many places a group.
-const CHECKED: ([f64; 2], f64) = ([0.05, 0.0125], 64.0);
-
 impl GroupSolver<'_, '_> {
     /// Measures places of the group anew, more of them where more error is expected, and adds what their light is off.
     /// What is covered counts nowhere.
@@ -372,15 +369,16 @@ impl GroupSolver<'_, '_> {
         if sum <= 0.0 {
             return Ok(());
         }
-        let anywhere = ANYWHERE * sum / area_m2;
+        let anywhere = numbers::CHECKED_ANYWHERE * sum / area_m2;
         sum = 0.0;
         for (error, index, at) in &mut expected {
             sum += *error + anywhere * members[*index].mesh.elements[*at].area_m2;
             *error = sum;
         }
-        let rays_of_place = 2.0 * (RAYS[0] + RAYS[1]) as f64;
-        let share = CHECKED.0[usize::from(self.settings.threshold == f64::INFINITY)];
-        let count = (share * report.error.rays / rays_of_place).max(CHECKED.1) as u64;
+        let rays_of_place = 2.0 * (numbers::CHECK_RAYS[0] + numbers::CHECK_RAYS[1]) as f64;
+        let is_marked = self.settings.threshold < f64::INFINITY;
+        let share = if is_marked { numbers::CHECKED_WHILE_MARKED } else { numbers::CHECKED };
+        let count = (share * report.error.rays / rays_of_place).max(numbers::LEAST_CHECKED) as u64;
         let seed =
             mix(self.settings.seed ^ mix(self.settings.iteration ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
         let exitance = |lamp: NodeName| exitance(self.set, lamp);
@@ -438,10 +436,6 @@ impl GroupSolver<'_, '_> {
         Ok(())
     }
 }
-
-/// Squared error that is expected anywhere, relative to that of the group: where none is expected it must not count for so
-/// much when it is found.
-const ANYWHERE: f64 = 0.2;
 
 /// Rows of one cluster that are worth giving back at once.
 const MANY_LINKS_BYTES: usize = 4 << 20;

@@ -22,7 +22,8 @@ use crate::store::branches::VersionRow;
 use crate::store::merging::{TaskRow, TaskState, VersionFigures};
 use crate::store::{Snapshot, Stage, Store};
 use crate::transport::iterate::residual::{self, Change};
-use crate::transport::steer::{self, Marking, STOP, Settling};
+use crate::transport::numbers;
+use crate::transport::steer::{self, Marking, Settling};
 
 /// `merge` takes tolerance and order from the tasks.
 #[derive(Clone, Debug, Default)]
@@ -271,9 +272,6 @@ pub fn summarise(store: &Store, branch: u64, updates: u64) -> Result<Summary> {
     })
 }
 
-/// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
-const BALANCED: f64 = 0.01;
-
 /// Whether the estimated error meets a tolerance as far as one can tell.
 fn is_within(steering: &Steering, tolerance: f64) -> bool {
     steering.estimated_nrms - steering.estimated_nrms_error <= tolerance
@@ -293,10 +291,11 @@ pub enum Unmet {
 /// Whether, and why, iterations of a branch lead no further.
 #[must_use]
 pub fn unmet(figures: &VersionFigures) -> Option<Unmet> {
-    let has_ended = figures.steering.phase == Phase::Close && figures.predicted_error <= figures.tolerance / STOP;
+    let has_ended =
+        figures.steering.phase == Phase::Close && figures.predicted_error <= figures.tolerance / numbers::STOP;
     if !has_ended || figures.converged {
         None
-    } else if figures.iteration.energy_balance > BALANCED {
+    } else if figures.iteration.energy_balance > numbers::BALANCED {
         Some(Unmet::Balance)
     } else {
         (!is_within(&figures.steering, figures.tolerance)).then_some(Unmet::Tolerance)
@@ -343,8 +342,8 @@ fn figures(
     let converged = complete
         && steering.phase == Phase::Close
         && (!has_stalled || is_within(&steering, tolerance))
-        && predicted_error <= tolerance / STOP
-        && iteration.energy_balance <= BALANCED;
+        && predicted_error <= tolerance / numbers::STOP
+        && iteration.energy_balance <= numbers::BALANCED;
     Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })
 }
 

@@ -25,6 +25,7 @@ use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
 use crate::transport::iterate::relax::Inner;
 use crate::transport::norm::Norm;
+use crate::transport::numbers;
 
 /// Which groups to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -224,9 +225,6 @@ fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &
     plan.options.memory.require(&what, needed, &format!(", or more than {} groups with `--groups`", plan.groups))
 }
 
-/// What is left to change within a group, relative to what the last iteration changed.
-const OF_OTHERS: f64 = 0.1;
-
 fn solve(
     plan: &Plan<'_>,
     (set, sides): (&WorkingSet<'_>, &SidesCache),
@@ -246,7 +244,7 @@ fn solve(
         InnerOption::Converge => {
             // Light of other groups has not settled either.
             let residual = figures.as_ref().map_or(1.0, |f| f.residual);
-            let tolerance = (OF_OTHERS * residual).max(shaping.tolerance / 100.0);
+            let tolerance = (numbers::OF_OTHERS * residual).max(shaping.tolerance / 100.0);
             Inner::Converge { tolerance, q: plan.facts.max_reflectance }
         }
     };

@@ -11,6 +11,7 @@ pub mod measure;
 mod memory_scene;
 pub mod nodes;
 pub mod norm;
+pub mod numbers;
 #[cfg(test)]
 mod occlusion_tests;
 pub mod oracle;

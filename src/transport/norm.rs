@@ -1,20 +1,13 @@
 //! What light counts in the error that `--tolerance` bounds, and what an error is worth where light is dim.
 
+use crate::transport::numbers;
+
 /// The norm, from the mean of what is lit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Norm {
     /// Mean irradiance of what is lit and does not emit, W/m2; infinite while nobody knows it.
     lit_mean_w_m2: f64,
 }
-
-/// Brightness, in means, beyond which light counts no more.
-const MOST: f64 = 10.0;
-
-/// Brightness, in means, below which a place is dark.
-const DARK: f64 = 1e-3;
-
-/// Brightness, in means, below which errors do not become more urgent.
-const DIM: f64 = 1e-2;
 
 impl Norm {
     /// While nobody knows what is bright.
@@ -29,13 +22,13 @@ impl Norm {
     /// What light of that brightness (norm over RGB, W/m2) is multiplied by.
     #[must_use]
     pub fn counts(&self, bright_w_m2: f64) -> f64 {
-        (MOST * self.lit_mean_w_m2 / bright_w_m2.max(f64::MIN_POSITIVE)).min(1.0)
+        (numbers::BRIGHTEST * self.lit_mean_w_m2 / bright_w_m2.max(f64::MIN_POSITIVE)).min(1.0)
     }
 
     /// Whether a place is dark, and its error apart.
     #[must_use]
     pub fn is_dark(&self, bright_w_m2: f64) -> bool {
-        self.lit_mean_w_m2.is_finite() && bright_w_m2 < DARK * self.lit_mean_w_m2
+        self.lit_mean_w_m2.is_finite() && bright_w_m2 < numbers::DARK * self.lit_mean_w_m2
     }
 
     /// What a squared error is worth where it is so bright, beside one where it is as bright as the mean or brighter: an
@@ -45,7 +38,7 @@ impl Norm {
         if !self.lit_mean_w_m2.is_finite() {
             return 1.0;
         }
-        (self.lit_mean_w_m2 / bright_w_m2).clamp(1.0, 1.0 / DIM)
+        (self.lit_mean_w_m2 / bright_w_m2).clamp(1.0, 1.0 / numbers::DIM)
     }
 }
 

@@ -5,6 +5,7 @@
 use crate::base::name::MAX_DEPTH;
 use crate::model::report::{Bin, ErrorSums};
 use crate::transport::light::line::{Fit, PLACES};
+use crate::transport::numbers;
 
 /// What may be done about a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,29 +57,10 @@ pub struct Case {
 /// Rays of a round.
 const ROUND: f64 = 2.0 * PLACES as f64;
 
-/// Most rounds of a row.
-pub const MOST_ROUNDS: u16 = 64;
-
-/// Share of the structure that is gone once an element is split.
-const SPLIT: f64 = 0.8;
-
-/// Share of the noise that is gone with twice the rays.
-const DOUBLED: f64 = 0.5;
-
-/// Rounds of a side's first rows.
-pub const FIRST_ROUNDS: u16 = 2;
-
-/// Rounds, at least, of the rows of elements that were split: fewer take noise for structure.
-const LEAST_ROUNDS: u16 = 4;
-
-/// Acts, one upon the other, that a row and those that come of it may see in one visit: what they promise is known only
-/// as well as their rays tell.
-pub const ACTS: u32 = 2;
-
 /// Rounds of the rows of an element's children: as many rays as before in half of them.
 #[must_use]
 pub fn rounds_of_children(rounds: u16) -> u16 {
-    (rounds / 2).max(LEAST_ROUNDS)
+    (rounds / 2).max(numbers::LEAST_ROUNDS)
 }
 
 impl Case {
@@ -93,17 +75,17 @@ impl Case {
     pub fn offer(&self) -> Option<Offer> {
         let Fit { found, noise, .. } = self.fit;
         let rays = f64::from(self.rounds) * ROUND;
-        let cast = (self.rounds < MOST_ROUNDS && noise > 0.0).then_some(Offer {
+        let cast = (self.rounds < numbers::MOST_ROUNDS && noise > 0.0).then_some(Offer {
             act: Act::Cast,
-            promise: DOUBLED * noise * self.weight_m2,
+            promise: numbers::DOUBLING_MENDS * noise * self.weight_m2,
             cost: rays,
             urgency: self.urgency,
         });
         // Children have less structure, and more noise where they have fewer rays.
         let noisier = noise * (f64::from(self.rounds) / f64::from(rounds_of_children(self.rounds)) - 1.0);
-        let mended = if found > 0.0 { SPLIT * found - noisier } else { 0.0 };
+        let mended = if found > 0.0 { numbers::SPLIT_MENDS * found - noisier } else { 0.0 };
         // What casting can no longer mend, smaller elements share.
-        let promise = if cast.is_none() { mended.max(DOUBLED * noise) } else { mended };
+        let promise = if cast.is_none() { mended.max(numbers::DOUBLING_MENDS * noise) } else { mended };
         let split = (promise > 0.0 && self.may_be_split()).then(|| Offer {
             act: Act::Split,
             promise: promise * self.weight_m2,
@@ -143,12 +125,6 @@ fn rate_of(bin: i32) -> f64 {
     libm::exp2(f64::from(bin) / BINS)
 }
 
-/// Share of the excess error that is promised in one marking; with more, rays are cast for what others mend.
-const MARKED: f64 = 0.4;
-
-/// Rays of one marking, relative to all that have been cast: no more, and no fewer, since an iteration costs as much.
-const BUDGET: std::ops::RangeInclusive<f64> = 0.1..=0.5;
-
 /// The rate from which on offers are taken, so that `excess` of the error goes; `None` if nothing is to be done.
 #[must_use]
 pub fn threshold(bins: &[Bin], excess: f64, rays: f64) -> Option<f64> {
@@ -157,13 +133,13 @@ pub fn threshold(bins: &[Bin], excess: f64, rays: f64) -> Option<f64> {
     }
     let (mut promised, mut cost, mut found) = (0.0, 0.0, None);
     for bin in bins.iter().rev() {
-        if found.is_some() && cost + bin.cost > BUDGET.end() * rays {
+        if found.is_some() && cost + bin.cost > numbers::MOST_BUDGET * rays {
             break;
         }
         promised += bin.promise;
         cost += bin.cost;
         found = Some(rate_of(bin.rate));
-        if promised >= excess || (promised >= MARKED * excess && cost >= BUDGET.start() * rays) {
+        if promised >= excess || (promised >= numbers::MARKED * excess && cost >= numbers::LEAST_BUDGET * rays) {
             break;
         }
     }
@@ -201,7 +177,7 @@ mod tests {
         let promise = case(1.0, 0.5, 16).offer().unwrap().promise;
         assert!((promise - 0.6).abs() < 1e-12, "children have half of its rays: {promise}");
         assert_eq!(case(1.0, 0.7, 16).offer().unwrap().act, Act::Cast, "smaller elements would be no better");
-        assert_eq!(case(0.0, 0.1, MOST_ROUNDS).offer().unwrap().act, Act::Split, "casting is used up");
+        assert_eq!(case(0.0, 0.1, numbers::MOST_ROUNDS).offer().unwrap().act, Act::Split, "casting is used up");
         assert_eq!(case(1.0, 0.0, 1).offer(), Some(Offer { act: Act::Split, promise: 1.6, cost: 512.0, urgency: 1.0 }));
         assert_eq!(Case { depth: MAX_DEPTH, ..case(1.0, 0.0, 4) }.offer(), None);
     }

@@ -15,7 +15,8 @@ use crate::transport::nodes::grading;
 use crate::transport::nodes::mesh::{Mesh, MeshRow};
 use crate::transport::nodes::places::{Draws, Places};
 use crate::transport::norm::Norm;
-use crate::transport::oracle::{ACTS, Act, Case, FIRST_ROUNDS, MOST_ROUNDS, rounds_of_children};
+use crate::transport::numbers;
+use crate::transport::oracle::{Act, Case, rounds_of_children};
 use crate::transport::row::{Found, Part, Row, add, slots};
 use crate::transport::source::{ClusterView, Clusters, exitance};
 
@@ -138,9 +139,6 @@ pub struct Around {
     pub emitted_w: f64,
 }
 
-/// Share of what the whole model emits from which on a side that emits is measured as finely as can be, and in quarters.
-const BRIGHT: f64 = 0.125;
-
 struct Refiner<'a, 'c> {
     context: &'a Context<'c>,
     view: ClusterView<'a>,
@@ -212,17 +210,17 @@ impl Refiner<'_, '_> {
             let name = NodeName::root(self.view.id, PatchSide::from_index(index));
             for part in Part::ALL.into_iter().filter(|part| !done[*part as usize]) {
                 let share = if part == Part::Indirect { self.share_of_open_lamp(index) } else { 0.0 };
-                let whole = case(self.context, &view, &self.mesh, index, FIRST_ROUNDS, Fit::default());
-                if share > BRIGHT && whole.may_be_split() {
+                let whole = case(self.context, &view, &self.mesh, index, numbers::FIRST_ROUNDS, Fit::default());
+                if share > numbers::BRIGHT && whole.may_be_split() {
                     self.mesh.split(index, &view.geometry.patches[index / 2]);
                     for quarter in 0..4 {
-                        self.measure(name.child(quarter), part, MOST_ROUNDS)?;
+                        self.measure(name.child(quarter), part, numbers::MOST_ROUNDS)?;
                         self.work_on((name.child(quarter), part))?;
                     }
                     continue;
                 }
-                let rounds = ((share / BRIGHT).min(1.0) * f64::from(MOST_ROUNDS)) as u16;
-                self.measure(name, part, rounds.max(FIRST_ROUNDS))?;
+                let rounds = ((share / numbers::BRIGHT).min(1.0) * f64::from(numbers::MOST_ROUNDS)) as u16;
+                self.measure(name, part, rounds.max(numbers::FIRST_ROUNDS))?;
                 self.work_on((name, part))?;
             }
         }
@@ -307,7 +305,7 @@ impl Refiner<'_, '_> {
         }
         let mut open = vec![(key, 0u32)];
         while let Some(((name, part), acts)) = open.pop() {
-            if acts >= ACTS {
+            if acts >= numbers::ACTS {
                 continue;
             }
             let worked = &self.rows[&(name, part)];

@@ -4,16 +4,13 @@
 use super::oracle;
 use crate::model::figures::{IterationFigures, Phase, Power, Steering};
 use crate::model::report::ErrorSums;
-
-/// A branch has converged when what is left is below this part of the tolerance: where reflectance is high the rest is a
-/// bias of everything alike.
-pub const STOP: f64 = 15.0;
+use crate::transport::numbers;
 
 /// Share of the tolerance that rows may use up. What few of them have wrong together goes round, and no place tells: it
 /// falls with the root of their number and grows by 1 / (1 - rho), and is to stay below a quarter of the tolerance.
 #[must_use]
 pub fn of_rows(figures: &IterationFigures, mean_reflectance: f64) -> f64 {
-    (0.25 * (figures.work.elements as f64).sqrt() * (1.0 - mean_reflectance)).min(1.0)
+    (numbers::TOGETHER * (figures.work.elements as f64).sqrt() * (1.0 - mean_reflectance)).min(1.0)
 }
 
 /// How far the light of an iteration has settled.
@@ -33,9 +30,6 @@ pub struct Settling {
     pub has_stalled: bool,
 }
 
-/// Energy balance up to which light adds up.
-const ADDS_UP: f64 = 0.001;
-
 /// What the next iteration is to do; `before`: what the last one said; the tolerance asked for, and what share of it
 /// rows may use up.
 #[must_use]
@@ -47,10 +41,10 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let (known, known_error) = found.beside_what_rows_know();
     let Corrected { correction, error: correction_error, places } = found;
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
-    let squared = relative(error.rough * known.max(LEAST_CORRECTION));
-    let most = relative(error.rough * (known + 2.0 * known_error).max(LEAST_CORRECTION)).sqrt();
+    let squared = relative(error.rough * known.max(numbers::LEAST_CORRECTION));
+    let most = relative(error.rough * (known + 2.0 * known_error).max(numbers::LEAST_CORRECTION)).sqrt();
     // One place that is far off is all of the correction, and of its error: what the others know is worth casting for.
-    let surely = relative(error.rough * (known - known_error).max(LEAST_CORRECTION));
+    let surely = relative(error.rough * (known - known_error).max(numbers::LEAST_CORRECTION));
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
@@ -59,7 +53,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let excess = (estimated_nrms - doubt).max(0.0).powi(2) - tolerance * tolerance;
     // What changes while rows are made better is their doing: no sweep has to come between markings.
     let is_settled = before.phase == Phase::Mark
-        || settling.residual <= SETTLED * estimated_nrms.max(LEAST_OF_TOLERANCE * tolerance);
+        || settling.residual <= numbers::SETTLED * estimated_nrms.max(numbers::LEAST_OF_TOLERANCE * tolerance);
     let is_known = correction != 0.0 || error.norm == 0.0;
     let gain = gain(before.gain, settling, asked);
     let is_done = excess <= 0.0 || settling.has_stalled;
@@ -70,9 +64,9 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
             (Phase::Close, None)
         } else {
             // Where nothing is left to be done, that is it.
-            let aim = (surely - tolerance * tolerance).max(LEAST_EXCESS * tolerance * tolerance);
+            let aim = (surely - tolerance * tolerance).max(numbers::LEAST_EXCESS * tolerance * tolerance);
             // Rows promise as they know of their error.
-            let of_rows = aim * error.norm / known.max(LEAST_CORRECTION);
+            let of_rows = aim * error.norm / known.max(numbers::LEAST_CORRECTION);
             let threshold = oracle::threshold(&error.bins, of_rows, error.rays);
             (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
         };
@@ -95,7 +89,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
 fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     let Power { emitted_w, absorbed_w, escaped_w } = settling.power;
     let received_w = settling.received_w;
-    if settling.drift.min(settling.predicted_error) > tolerance / STILL {
+    if settling.drift.min(settling.predicted_error) > tolerance / numbers::STILL {
         return before;
     }
     let gone_w: [f64; 3] = std::array::from_fn(|c| received_w[c] + escaped_w[c]);
@@ -104,17 +98,10 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
         if gone_w[c] > 0.0 { before[c] * left_w / gone_w[c] } else { before[c] }
     });
     // Nothing is to be gained where it adds up; what is off by more is wrong, not rough.
-    let adds_up = |c: usize| (after[c] - before[c]).abs() * gone_w[c] <= ADDS_UP * emitted_w[c];
-    let is_rough = after.iter().all(|gain| (gain - 1.0).abs() <= MOST_MISSED * tolerance);
+    let adds_up = |c: usize| (after[c] - before[c]).abs() * gone_w[c] <= numbers::ADDS_UP * emitted_w[c];
+    let is_rough = after.iter().all(|gain| (gain - 1.0).abs() <= numbers::MOST_MISSED * tolerance);
     if is_rough && !(0..3).all(adds_up) { after } else { before }
 }
-
-/// What light is still to change, or its imbalance has drifted in an iteration, in tolerances' parts, where one sees what
-/// light misses: rows that are made better meanwhile change little of it.
-const STILL: f64 = 8.0;
-
-/// Share of what leaves that rows may miss, in tolerances.
-const MOST_MISSED: f64 = 0.5;
 
 /// An iteration that made rows better.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,27 +112,21 @@ pub struct Marking {
     pub entries: u64,
 }
 
-/// Markings, one after another, that must have made the estimate fall; where each does little, so many.
-const PATIENCE: (usize, usize) = (3, 16);
-
-/// Four times the links along hard edges of shadows leave 0.7 of the estimate; one that stays above this share has not
-/// fallen, however few places tell.
-const FALLS: f64 = 0.95;
-
 /// Whether the estimate no longer falls: the middle one since rows held a quarter is that of the markings just before.
 /// `markings`: those of a branch, newest first.
 #[must_use]
 pub fn has_stalled(markings: &[Marking]) -> bool {
     let Some(newest) = markings.first() else { return false };
     let recent = markings.partition_point(|marking| 4 * marking.entries > newest.entries);
-    let (recent, before) = markings.split_at(recent.clamp(PATIENCE.0, PATIENCE.1).min(markings.len()));
-    let before = &before[..before.len().min(PATIENCE.0)];
+    let (recent, before) =
+        markings.split_at(recent.clamp(numbers::LEAST_PATIENCE, numbers::MOST_PATIENCE).min(markings.len()));
+    let before = &before[..before.len().min(numbers::LEAST_PATIENCE)];
     let median = |of: &[Marking]| {
         let mut estimates: Vec<f64> = of.iter().map(|marking| marking.estimate).collect();
         estimates.sort_by(f64::total_cmp);
         estimates[(estimates.len() - 1) / 2]
     };
-    before.len() == PATIENCE.0 && median(recent) > FALLS * median(before)
+    before.len() == numbers::LEAST_PATIENCE && median(recent) > numbers::FALLS * median(before)
 }
 
 /// How far what rows know is off.
@@ -175,28 +156,13 @@ fn corrected(error: &ErrorSums, before: &Steering) -> Corrected {
     // Rows that know of no error at all are not off: there is nothing to be known.
     let rough = error.rough.max(f64::MIN_POSITIVE);
     let (now, now_error) = if error.rough > 0.0 { (squared / rough, variance.sqrt() / rough) } else { (1.0, 0.0) };
-    let kept = if before.phase == Phase::Mark { KEPT.0 } else { KEPT.1 };
+    let kept = if before.phase == Phase::Mark { numbers::KEPT_WHEN_MARKED } else { numbers::KEPT };
     let (new, old) = (error.places as f64, kept * known.places);
     let places = new + old;
     let of_both = |x: f64, y: f64| (x * new + y * old) / places;
     let error = of_both(now_error, 0.0).hypot(of_both(0.0, known.error));
     Corrected { correction: of_both(now, known.correction), error, places }
 }
-
-/// What places of an iteration count in the next one: after rows were marked, and else.
-const KEPT: (f64, f64) = (0.5, 0.9);
-
-/// Share of the tolerance that what light still changes is measured by where the estimated error is less.
-const LEAST_OF_TOLERANCE: f64 = 0.5;
-
-/// Below this a correction is luck.
-const LEAST_CORRECTION: f64 = 0.5;
-
-/// Least excess that a marking aims at, in squared tolerances: what iterations cost is not worth less.
-const LEAST_EXCESS: f64 = 0.15;
-
-/// Share of the estimated error below which what light still changes no longer hides what promises most.
-const SETTLED: f64 = 0.5;
 
 #[cfg(test)]
 mod tests {

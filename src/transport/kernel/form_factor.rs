@@ -5,10 +5,7 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use crate::geom::polygon::Polygon;
-
-/// Below this (radius / distance)^2 a polygon counts as a small area seen from afar: the closed
-/// form's edge terms cancel there, and the small-area formula errs by less than this ratio.
-const FAR: f64 = 1e-6;
+use crate::transport::numbers;
 
 /// Returns the form factor from a point on a surface to an unoccluded polygon, either winding.
 ///
@@ -33,7 +30,7 @@ pub fn point_to_polygon(receiver: DVec3, normal: DVec3, polygon: &Polygon) -> f6
     let away = centre - receiver;
     let distance_squared = away.length_squared();
     let radius_squared = c.iter().map(|p| p.distance_squared(centre)).fold(0.0, f64::max);
-    if radius_squared < FAR * distance_squared {
+    if radius_squared < numbers::FAR * distance_squared {
         let area_vector = shape.doubled_area_vector() * 0.5;
         let cosines = normal.dot(away) * area_vector.dot(away).abs();
         return (cosines / (PI * distance_squared * distance_squared)).clamp(0.0, 1.0);
@@ -55,11 +52,12 @@ pub fn point_to_polygon(receiver: DVec3, normal: DVec3, polygon: &Polygon) -> f6
 /// atan2 for a positive `sine`: from afar most edges are seen under small angles, whose series errs by less
 /// than 4e-12.
 fn angle(sine: f64, cosine: f64) -> f64 {
-    if cosine <= 0.0 || sine > 0.25 * cosine {
+    if cosine <= 0.0 || sine > numbers::SMALL_ANGLE * cosine {
         return libm::atan2(sine, cosine);
     }
     let t = sine / cosine;
     let s = t * t;
-    let series = [1.0 / 13.0, 1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0, 1.0];
-    t * series.iter().fold(1.0 / 15.0, |sum, coefficient| coefficient - s * sum)
+    // 1 - s / 3 + s^2 / 5 and so on.
+    let coefficients = (1..=15u8).rev().step_by(2).map(|odd| 1.0 / f64::from(odd));
+    t * coefficients.fold(0.0, |sum, coefficient| coefficient - s * sum)
 }

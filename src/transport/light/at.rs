@@ -15,7 +15,8 @@ use crate::geom::grid::{GridPoint, element_corners, places_on_edges};
 use crate::geom::polygon::Polygon;
 use crate::model::geometry::GeometryView;
 use crate::transport::light::line::Line;
-use crate::transport::light::sheet::{OnEdge, SAME, Sheet, SheetLeaf, around, mean};
+use crate::transport::light::sheet::{OnEdge, Sheet, SheetLeaf, around, mean};
+use crate::transport::numbers;
 
 /// The irradiance over a patch side, and over the parts of its face that light goes on to.
 pub struct SideLight {
@@ -181,7 +182,7 @@ impl Smooth {
     /// Once all values are there.
     fn settle(&mut self, leaves: &[SheetLeaf]) {
         self.beyond.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        self.beyond.dedup_by(|later, kept| later.0 == kept.0 && later.1 - kept.1 <= SAME);
+        self.beyond.dedup_by(|later, kept| later.0 == kept.0 && later.1 - kept.1 <= numbers::SAME);
         let mut order: Vec<&SheetLeaf> = leaves.iter().collect();
         order.sort_by_key(|leaf| leaf.depth);
         for SheetLeaf { points, count, .. } in order {
@@ -292,19 +293,19 @@ fn mean_value_weights(corners: &[DVec3], point: DVec3) -> [f64; 4] {
     let mut weights = [0.0; 4];
     let half_tangent = |a: DVec3, b: DVec3| {
         let (la, lb) = (a.length(), b.length());
-        a.cross(b).length() / (la * lb + a.dot(b)).max(1e-12 * la * lb)
+        a.cross(b).length() / (la * lb + a.dot(b)).max(numbers::NOTHING * la * lb)
     };
     for i in 0..n {
         let to = corners[i] - point;
         let next = corners[(i + 1) % n] - point;
-        if to.cross(next).length() <= 1e-9 * to.length() * next.length() && to.dot(next) < 0.0 {
+        if to.cross(next).length() <= numbers::NOTHING * to.length() * next.length() && to.dot(next) < 0.0 {
             // On an edge.
             let sum = to.length() + next.length();
             weights = [0.0; 4];
             (weights[i], weights[(i + 1) % n]) = (next.length() / sum, to.length() / sum);
             return weights;
         }
-        if to.length() <= 1e-9 * scale {
+        if to.length() <= numbers::NOTHING * scale {
             weights = [0.0; 4];
             weights[i] = 1.0;
             return weights;

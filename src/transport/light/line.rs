@@ -3,6 +3,7 @@
 
 use crate::base::Rgb;
 use crate::transport::nodes::frame::Plane;
+use crate::transport::numbers;
 
 /// Irradiance over an element, W/m2: `mean + along[0] x + along[1] y`, with x and y in m from the element's centroid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -76,19 +77,6 @@ pub struct Design {
     open: u16,
 }
 
-/// Noise of a mean, relative to what the halves differ by at a place over the number of places: half of that were rays random,
-/// less since those of a half are spread evenly.
-const OF_MEAN: f64 = 0.25;
-
-/// As how many more numbers that counts, beside what the halves' means differ by.
-const KNOWN: f64 = 4.0;
-
-/// Standard errors from which on structure counts as found.
-const FOUND: f64 = 1.5;
-
-/// Places from which on a line is looked for; fewer have a mean alone.
-const FEW: usize = 6;
-
 impl Design {
     /// Of these places; bit i of `open` says whether place i is.
     #[must_use]
@@ -123,7 +111,7 @@ impl Design {
         let mut slopes = [[Rgb::BLACK; 2]; 2];
         for half in 0..2 {
             means[half] = self.each().fold(Rgb::BLACK, |sum, i| sum + value(i, half)) * (1.0 / n);
-            if count >= FEW && determinant > 1e-9 * (xx * yy).max(f64::MIN_POSITIVE) {
+            if count >= numbers::LEAST_OF_LINE && determinant > numbers::NOTHING * (xx * yy).max(f64::MIN_POSITIVE) {
                 let (mut a, mut b) = (Rgb::BLACK, Rgb::BLACK);
                 for i in self.each() {
                     let (d, [x, y]) = (value(i, half) - means[half], offset(i));
@@ -157,11 +145,12 @@ impl Design {
         let turned_down = (1.0 - share).powi(2) * (all - by_noise).max(0.0);
         // The halves' means are one number: small by luck, they would keep a row from ever being looked at again.
         let of_mean = (means[0] - means[1]).norm_squared() / 4.0;
-        let of_mean = (of_mean + KNOWN * OF_MEAN * by_noise) / (1.0 + KNOWN);
+        let of_mean =
+            (of_mean + numbers::NOISE_KNOWN * numbers::NOISE_OF_MEAN * by_noise) / (1.0 + numbers::NOISE_KNOWN);
         let noise = of_mean + share * share * by_noise;
         let (structure, structure_error) = (products / freedom + turned_down, squares.sqrt() / freedom);
         let (bend, bend_error) = self.bend(halves);
-        let stands_out = |x: f64, error: f64| if x > FOUND * error { x } else { 0.0 };
+        let stands_out = |x: f64, error: f64| if x > numbers::FOUND * error { x } else { 0.0 };
         // Places that differ from each other by more than the halves do are what is looked for.
         let by_chance = (n * (2.0 * structure.max(0.0) * apart + apart * apart)).sqrt() / freedom;
         let found = stands_out(structure, by_chance).max(stands_out(bend, bend_error));
@@ -194,7 +183,7 @@ impl Design {
                 values.iter_mut().zip(before).for_each(|(v, b)| *v -= along * b);
             }
             let left = values.iter().map(|v| v * v).sum::<f64>().sqrt();
-            if left <= 1e-6 * size.max(f64::MIN_POSITIVE) {
+            if left <= numbers::NOTHING_STORED * size.max(f64::MIN_POSITIVE) {
                 return (0.0, 0.0);
             }
             values.iter_mut().for_each(|v| *v /= left);
@@ -252,7 +241,7 @@ mod tests {
                 [cell(i % 4, numbers.next()), cell(i / 4, numbers.next())]
             });
             // The mean of numbers that are spread evenly has less noise than they would give it one by one.
-            let evenly = 1.0 - (OF_MEAN / 0.5).sqrt();
+            let evenly = 1.0 - (numbers::NOISE_OF_MEAN / 0.5).sqrt();
             let of_halves = [0, 1].map(|_| {
                 let noise: [f64; PLACES] = std::array::from_fn(|_| deviation * numbers.normal());
                 noise.map(|x| x - evenly * noise.iter().sum::<f64>() / PLACES as f64)

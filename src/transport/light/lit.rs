@@ -100,7 +100,7 @@ impl LitCluster {
         let mut index = side.index() as u32;
         if let Some(to_unit) = &self.to_unit[usize::from(side.patch)] {
             // A float beyond what an integer holds becomes the nearest one.
-            let mut unit = to_unit.map(|[a, b, c]| ((a * at[0] + b * at[1] + c) * 4_294_967_296.0) as u32);
+            let mut unit = to_unit.map(|[a, b, c]| ((a * at[0] + b * at[1] + c) * (1u64 << u32::BITS) as f32) as u32);
             while self.steps[index as usize] != NONE {
                 let step = self.steps[index as usize];
                 let (child, next) = UnitCut::ALL[(step & 3) as usize].child(unit);

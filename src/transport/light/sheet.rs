@@ -9,9 +9,7 @@ use crate::geom::quadtree::patch_polygon;
 use crate::model::geometry::{PatchRecord, Seam};
 use crate::transport::light::line::Line;
 use crate::transport::nodes::frame::{Frame, Plane};
-
-/// Places on an edge this near to each other are one, as shares of it.
-pub const SAME: f64 = 1e-5;
+use crate::transport::numbers;
 
 /// A leaf with its light.
 pub struct SheetLeaf {
@@ -122,15 +120,15 @@ impl Sheet {
     #[must_use]
     pub fn has_corner(&self, edge: usize, along: f64) -> bool {
         let stops = &self.stops[edge];
-        let after = stops.partition_point(|stop| stop.along <= along + SAME);
-        along >= 1.0 - SAME || along - stops[after - 1].along <= SAME
+        let after = stops.partition_point(|stop| stop.along <= along + numbers::SAME);
+        along >= 1.0 - numbers::SAME || along - stops[after - 1].along <= numbers::SAME
     }
 
     /// The seams at a place of an edge: where it lies beyond.
     fn beyond(&self, edge: usize, along: f64) -> impl Iterator<Item = OnEdge> + '_ {
         let meets = move |seam: &&(Seam, usize)| {
             let [from, to] = seam.0.along.map(f64::from);
-            usize::from(seam.0.edge) == edge && (from - SAME..=to + SAME).contains(&along)
+            usize::from(seam.0.edge) == edge && (from - numbers::SAME..=to + numbers::SAME).contains(&along)
         };
         self.seams.iter().filter(meets).map(move |(seam, sheet)| {
             let ([from, to], [first, last]) = (seam.along.map(f64::from), seam.other_along.map(f64::from));
@@ -142,12 +140,12 @@ impl Sheet {
     /// The sum of what the leaves at a place of an edge predict, and how many they are.
     fn at_edge(&self, edge: usize, along: f64) -> (Rgb, f64) {
         let stops = &self.stops[edge];
-        let after = stops.partition_point(|stop| stop.along <= along + SAME);
+        let after = stops.partition_point(|stop| stop.along <= along + numbers::SAME);
         let last = &stops[after - 1];
-        if along - last.along <= SAME {
+        if along - last.along <= numbers::SAME {
             return self.sums[&last.point];
         }
-        if after == stops.len() && 1.0 - along <= SAME {
+        if after == stops.len() && 1.0 - along <= numbers::SAME {
             return self.at_edge((edge + 1) % self.stops.len(), 0.0);
         }
         let corners = self.shape.corners();
@@ -169,8 +167,8 @@ pub fn around(sheets: &[Sheet], from: OnEdge) -> Vec<OnEdge> {
     while let Some(&OnEdge { sheet, edge, along }) = found.get(next) {
         next += 1;
         let n = sheets[sheet].shape.corners().len();
-        let before = (along <= SAME).then_some(((edge + n - 1) % n, 1.0));
-        let after = (along >= 1.0 - SAME).then_some(((edge + 1) % n, 0.0));
+        let before = (along <= numbers::SAME).then_some(((edge + n - 1) % n, 1.0));
+        let after = (along >= 1.0 - numbers::SAME).then_some(((edge + 1) % n, 0.0));
         for (edge, along) in [Some((edge, along)), before, after].into_iter().flatten() {
             for place in sheets[sheet].beyond(edge, along) {
                 if found.iter().all(|known| known.sheet != place.sheet) {

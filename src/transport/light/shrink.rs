@@ -8,6 +8,7 @@ use super::line::Line;
 use crate::base::Rgb;
 use crate::model::geometry::NONE;
 use crate::transport::nodes::mesh::{Element, Mesh};
+use crate::transport::numbers;
 use crate::transport::row::Part;
 
 /// A line that is known up to noise.
@@ -102,7 +103,7 @@ fn product([xx, xy, yy]: [f64; 3], [a, b]: &[Rgb; 2]) -> f64 {
 fn nearest(elements: &[Element], at: usize, known: &[Option<Known>]) -> Option<Known> {
     let [xx, xy, yy] = elements[at].moments;
     let determinant = xx * yy - xy * xy;
-    if determinant <= NARROW * (xx + yy).powi(2) {
+    if determinant <= numbers::NARROW * (xx + yy).powi(2) {
         return None;
     }
     let (mut mean, mut noise) = (Rgb::BLACK, 0.0);
@@ -120,9 +121,6 @@ fn nearest(elements: &[Element], at: usize, known: &[Option<Known>]) -> Option<K
     let along = [moments[0] * yy - moments[1] * xy, moments[1] * xx - moments[0] * xy];
     Some(Known { line: Line { mean, along: along.map(|along| along * (1.0 / determinant)) }, noise })
 }
-
-/// Least width of an element of two slopes, relative to its length and squared.
-const NARROW: f64 = 1e-4;
 
 #[cfg(test)]
 mod tests {

@@ -3,7 +3,7 @@
 
 use std::rc::Rc;
 
-use super::check::{Arrives, Check, Met, RAYS};
+use super::check::{Arrives, Check, Met};
 use super::path::{InSight, Paths};
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::sequence::mix;
@@ -12,6 +12,7 @@ use crate::rays::node::Node;
 use crate::transport::light::lit::Lights;
 use crate::transport::nodes::mesh::Mesh;
 use crate::transport::norm::Norm;
+use crate::transport::numbers;
 use crate::transport::source::{ClusterView, Clusters, exitance};
 use glam::DVec3;
 
@@ -124,7 +125,7 @@ pub struct Measured {
 }
 
 /// Rays of each half over the hemisphere that go on as paths: the first, which are spread evenly, as all of them are.
-const GO_ON: u64 = RAYS[1] / 4;
+const GO_ON: u64 = numbers::CHECK_RAYS[1] / 4;
 
 impl Audit<'_> {
     /// Measures a place of a node's side.

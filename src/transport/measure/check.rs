@@ -9,9 +9,7 @@ use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
-
-/// Rays of each half of a place to lamps, and over the hemisphere.
-pub const RAYS: [u64; 2] = [16, 64];
+use crate::transport::numbers;
 
 /// What a place is measured with.
 pub struct Check<'a> {
@@ -65,24 +63,24 @@ impl Check<'_> {
         for (half, sum) in arrives.halves.iter_mut().enumerate() {
             let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 1)));
             if let Some(aim) = &aim {
-                for index in 0..RAYS[0] {
+                for index in 0..numbers::CHECK_RAYS[0] {
                     let numbers = sequence.point(index);
                     if let Some((lamp, factor)) = self.lamps.reach(&self.scene, aim, &node.facet(place), numbers, rays)
                     {
-                        *sum += Rgb::from_f32((self.exitance)(lamp)?) * (factor / RAYS[0] as f64);
+                        *sum += Rgb::from_f32((self.exitance)(lamp)?) * (factor / numbers::CHECK_RAYS[0] as f64);
                     }
                 }
             }
             arrives.direct += *sum * 0.5;
             let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 3)));
-            for index in 0..RAYS[1] {
+            for index in 0..numbers::CHECK_RAYS[1] {
                 let [u, v, ..] = sequence.point(index);
                 let direction = cosine_direction(node.normal, u, v);
                 *rays += 1;
                 if let Nearest::Met(hit) = self.scene.nearest(place, direction, Some(&node.end)) {
                     let end = place + direction * hit.t;
                     let (cluster, side) = (ClusterId(hit.key.cluster), hit.side());
-                    *sum += Rgb::from_f32((self.leaving)(cluster, side, end)?) * (1.0 / RAYS[1] as f64);
+                    *sum += Rgb::from_f32((self.leaving)(cluster, side, end)?) * (1.0 / numbers::CHECK_RAYS[1] as f64);
                     met(Met { index, cluster, side, place: end })?;
                 }
             }

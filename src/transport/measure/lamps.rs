@@ -10,6 +10,7 @@ use crate::rays::node::{Facet, Node};
 use crate::rays::{RayEnd, RayScene};
 use crate::transport::kernel::form_factor::point_to_polygon;
 use crate::transport::nodes::places::{Draws, Places};
+use crate::transport::numbers;
 use crate::transport::row::{Share, slot};
 use crate::transport::source::Clusters;
 
@@ -52,18 +53,6 @@ pub struct LightTree {
     /// The root first.
     bundles: Vec<Bundle>,
 }
-
-/// Size of a lamp, in distances, below which its middle stands for it.
-const SMALL: f64 = 0.1;
-
-/// Size of a lamp, in distances, above which rays to it are drawn by what each would bring.
-const LARGE: f64 = 0.5;
-
-/// Lamps and bundles that rays from a place are shared out among, but for those near by.
-const CANDIDATES: usize = 12;
-
-/// Size of a part of a lamp, in distances, below which its points bring about alike.
-const ALIKE: f64 = 0.15;
 
 impl Lamp {
     /// Form factor from a point to it if nothing stands in between.
@@ -179,16 +168,16 @@ impl LightTree {
     /// What rays from points of a plane, up to so far around one, are shared out among.
     #[must_use]
     pub fn candidates(&self, centre: DVec3, around_m: f64, normal: DVec3) -> Candidates {
-        let mut candidates = Vec::with_capacity(CANDIDATES);
+        let mut candidates = Vec::with_capacity(numbers::CANDIDATES);
         let expected = |at: u32| self.bundles[at as usize].expected_around(centre, around_m, normal);
-        let mut open: Vec<(f64, u32)> = Vec::with_capacity(CANDIDATES);
+        let mut open: Vec<(f64, u32)> = Vec::with_capacity(numbers::CANDIDATES);
         if !self.is_empty() {
             open.push((expected(0), 0));
         }
         while let Some((brings, at)) = open.pop() {
             match self.bundles[at as usize].below {
                 _ if brings == 0.0 => {}
-                Below::Children(first) if candidates.len() + open.len() + 1 < CANDIDATES => {
+                Below::Children(first) if candidates.len() + open.len() + 1 < numbers::CANDIDATES => {
                     for child in [first, first + 1] {
                         let brings = expected(child);
                         // Those that bring most last: they are opened first.
@@ -211,13 +200,13 @@ impl LightTree {
     /// The same, of many points near each other.
     #[must_use]
     pub fn aim_among(&self, candidates: &Candidates, from: DVec3, normal: DVec3) -> Option<Aim> {
-        let mut aim = Aim { among: Vec::with_capacity(CANDIDATES), sum: 0.0 };
+        let mut aim = Aim { among: Vec::with_capacity(numbers::CANDIDATES), sum: 0.0 };
         let mut open: Vec<u32> = candidates.0.iter().rev().copied().collect();
         while let Some(at) = open.pop() {
             let bundle = &self.bundles[at as usize];
             match bundle.below {
                 Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
-                Below::Children(first) if bundle.radius_m >= LARGE * bundle.centre.distance(from) => {
+                Below::Children(first) if bundle.radius_m >= numbers::LARGE_LAMP * bundle.centre.distance(from) => {
                     open.extend([first, first + 1]);
                 }
                 Below::Children(_) => aim.add(bundle.expected(from, normal), at),
@@ -249,7 +238,7 @@ impl LightTree {
         let between = bundle.centre - from;
         let distance_m = between.length();
         let (up, down) = (normal.dot(between), -lamp.normal.dot(between));
-        if bundle.radius_m < SMALL * distance_m && up > bundle.radius_m && down > 0.0 {
+        if bundle.radius_m < numbers::SMALL_LAMP * distance_m && up > bundle.radius_m && down > 0.0 {
             let squared = distance_m * distance_m;
             return bundle.power_w * up * down / (std::f64::consts::PI * squared * squared);
         }
@@ -320,8 +309,8 @@ impl Aim {
 /// the cells of a grid whose points bring about alike. What is too large for that is cut into parts before.
 fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f64) -> DVec3 {
     let (mut part, mut rest) = (lamp.shape, choice);
-    let (mut size, least_m2) = (part.radius() / part.centre().distance(from), 1e-9 * lamp.area_m2);
-    while size > MOST_CELLS as f64 * ALIKE && part.area() > least_m2 {
+    let (mut size, least_m2) = (part.radius() / part.centre().distance(from), numbers::NOTHING * lamp.area_m2);
+    while size > numbers::MOST_CELLS as f64 * numbers::ALIKE && part.area() > least_m2 {
         let children: [Polygon; 4] = std::array::from_fn(|q| quadtree::child(&part, q as u32));
         let brings = children.each_ref().map(|child| point_to_polygon(from, normal, child));
         let Some(chosen) = choose(&brings, &mut rest) else { break };
@@ -335,7 +324,7 @@ fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f
     if part.corners().len() < 3 {
         return lamp.shape.centre();
     }
-    let across = (size / ALIKE).ceil().clamp(1.0, MOST_CELLS as f64) as usize;
+    let across = (size / numbers::ALIKE).ceil().clamp(1.0, numbers::MOST_CELLS as f64) as usize;
     if across == 1 {
         return part.even_point(u, v);
     }
@@ -349,7 +338,7 @@ fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f
         Some((origin, right, up)) => origin + right * i + up * j,
         None => part.even_point(i * step, j * step),
     };
-    let mut corners = [[0.0; MOST_CELLS + 1]; MOST_CELLS + 1];
+    let mut corners = [[0.0; numbers::MOST_CELLS + 1]; numbers::MOST_CELLS + 1];
     for (j, row) in corners[..=across].iter_mut().enumerate() {
         for (i, brings) in row[..=across].iter_mut().enumerate() {
             let between = place(i as f64, j as f64) - from;
@@ -357,7 +346,7 @@ fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f
             *brings = cosines / between.length_squared().powi(2).max(f64::MIN_POSITIVE);
         }
     }
-    let mut cells = [0.0; MOST_CELLS * MOST_CELLS];
+    let mut cells = [0.0; numbers::MOST_CELLS * numbers::MOST_CELLS];
     for (cell, brings) in cells[..across * across].iter_mut().enumerate() {
         let (i, j) = (cell % across, cell / across);
         *brings = corners[j][i] + corners[j][i + 1] + corners[j + 1][i] + corners[j + 1][i + 1];
@@ -374,7 +363,7 @@ fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f
 /// A number in 0..1 whose density goes from one value to another along a line, by an even one.
 fn by_line(from: f64, to: f64, number: f64) -> f64 {
     let (sum, difference) = (from + to, to - from);
-    if difference.abs() <= 1e-6 * sum {
+    if difference.abs() <= numbers::NOTHING_STORED * sum {
         return number;
     }
     (((from * from + sum * difference * number).max(0.0).sqrt() - from) / difference).clamp(0.0, BELOW_ONE)
@@ -395,9 +384,6 @@ fn choose(brings: &[f64], number: &mut f64) -> Option<usize> {
     *number = (left / brings[chosen].max(f64::MIN_POSITIVE)).clamp(0.0, BELOW_ONE);
     Some(chosen)
 }
-
-/// Most cells across a lamp.
-const MOST_CELLS: usize = 4;
 
 /// What rays found, and how many were cast.
 pub struct Cast {

@@ -10,6 +10,7 @@ use crate::geom::sequence::{cosine_direction, mix, unit};
 use crate::rays::RayScene;
 use crate::rays::node::Node;
 use crate::rays::traverse::Nearest;
+use crate::transport::numbers;
 use crate::transport::source::{Clusters, exitance};
 
 /// The lamps that rays from a cluster are sent to.
@@ -41,9 +42,6 @@ pub struct Paths<'a> {
     /// The lamps in sight of a cluster.
     pub lamps: &'a dyn Fn(ClusterId) -> Result<Rc<InSight>>,
 }
-
-/// Share of the paths that go on from a place at most, however much it reflects.
-const MOST: f64 = 0.99;
 
 /// Numbers in 0..1 that know nothing of each other: those of sequences do, and places of a path multiply.
 struct Numbers(u64);
@@ -80,7 +78,7 @@ impl Paths<'_> {
                 sum += weight.times(Rgb::from_f32(exitance(self.clusters, lamp)?)) * factor;
             }
             let [u, v, fate] = numbers.next();
-            let goes_on = rho.max().min(MOST);
+            let goes_on = rho.max().min(numbers::MOST_GO_ON);
             if fate >= goes_on {
                 return Ok(sum);
             }

@@ -9,16 +9,8 @@ use crate::rays::RayScene;
 use crate::rays::node::Facet;
 use crate::rays::traverse::Nearest;
 use crate::transport::light::lit::Lights;
+use crate::transport::numbers;
 use crate::transport::source::{Clusters, exitance};
-
-/// Rays of a batch.
-const BATCH: u64 = 64;
-
-/// Batches, at least and at most.
-const BATCHES: (u64, u64) = (4, 64);
-
-/// Standard errors that are to lie within the tolerance.
-const SURELY: f64 = 3.0;
 
 /// What a point is measured with.
 pub struct Gather<'a> {
@@ -51,7 +43,7 @@ impl Sum {
 
     /// Numbers of the next batch's rays.
     fn next(&self) -> std::ops::Range<u64> {
-        self.batches * BATCH..(self.batches + 1) * BATCH
+        self.batches * numbers::BATCH..(self.batches + 1) * numbers::BATCH
     }
 
     fn mean(&self) -> Rgb {
@@ -72,9 +64,9 @@ impl Gather<'_> {
         let (to_lamps, over) = (Sequence::new(seed), Sequence::new(mix(seed ^ 1)));
         let (mut direct, mut indirect) = (Sum::default(), Sum::default());
         let aim = lamps.tree.aim(facet.place, facet.normal);
-        for batch in 0..BATCHES.1 {
-            let enough = (self.tolerance / SURELY).powi(2) * (direct.mean() + indirect.mean()).norm_squared();
-            let is_early = batch < BATCHES.0;
+        for batch in 0..numbers::MOST_BATCHES {
+            let enough = (self.tolerance / numbers::SURELY).powi(2) * (direct.mean() + indirect.mean()).norm_squared();
+            let is_early = batch < numbers::LEAST_BATCHES;
             if let Some(aim) = aim.as_ref().filter(|_| is_early || direct.variance() > 0.5 * enough) {
                 let mut light = Rgb::BLACK;
                 for index in direct.next() {
@@ -83,7 +75,7 @@ impl Gather<'_> {
                         light += Rgb::from_f32(exitance(self.clusters, lamp)?) * factor;
                     }
                 }
-                direct.add(light * (1.0 / BATCH as f64));
+                direct.add(light * (1.0 / numbers::BATCH as f64));
             }
             if is_early || indirect.variance() > 0.5 * enough {
                 let mut light = Rgb::BLACK;
@@ -93,7 +85,7 @@ impl Gather<'_> {
                         light += self.leaving(facet, lamps, &met)?;
                     }
                 }
-                indirect.add(light * (1.0 / BATCH as f64));
+                indirect.add(light * (1.0 / numbers::BATCH as f64));
             }
         }
         Ok(direct.mean() + indirect.mean())
@@ -124,9 +116,9 @@ impl Gather<'_> {
     pub fn around(&self, facet: &Facet<'_>, rays: &mut u64) -> Vec<ClusterId> {
         let ways = Sequence::new(mix(mix(mix_point(facet.place)) ^ 2));
         let behind = Facet { normal: -facet.normal, ..*facet };
-        *rays += BATCH;
-        let met = (0..BATCH).filter_map(|index| {
-            let half = if index < BATCH / 2 { facet } else { &behind };
+        *rays += numbers::BATCH;
+        let met = (0..numbers::BATCH).filter_map(|index| {
+            let half = if index < numbers::BATCH / 2 { facet } else { &behind };
             self.met(half, ways.point(index), index)
         });
         let mut clusters: Vec<ClusterId> = met.map(|met| met.cluster).collect();

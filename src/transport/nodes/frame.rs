@@ -20,7 +20,7 @@ pub struct Frame {
 }
 
 /// Steps that a stored coordinate counts across a patch.
-const STEPS: f64 = 65_535.0;
+const STEPS: f64 = u16::MAX as f64;
 
 impl Frame {
     /// Of a patch.
@@ -78,7 +78,7 @@ impl Frame {
             let area = (a[0] * b[1] - a[1] * b[0]).abs();
             let sum = [0, 1].map(|k| c[0][k] + c[1][k] + c[2][k]);
             for (moment, (j, k)) in moments.iter_mut().zip([(0, 0), (0, 1), (1, 1)]) {
-                *moment += area * (c.iter().map(|c| c[j] * c[k]).sum::<f64>() + sum[j] * sum[k]) / 12.0;
+                *moment += area * (c.iter().map(|c| c[j] * c[k]).sum::<f64>() + sum[j] * sum[k]) / (3.0 * 4.0);
             }
             whole += area;
         }

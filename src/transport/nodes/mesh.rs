@@ -9,6 +9,7 @@ use crate::model::geometry::{NONE, PatchRecord};
 use crate::model::light::{LightView, RowLight};
 use crate::transport::light::line::{Fit, Line};
 use crate::transport::light::shrink;
+use crate::transport::numbers;
 use crate::transport::row::Part;
 
 /// An element of the arena.
@@ -63,9 +64,6 @@ impl MeshRow {
         self.fit = *fit;
     }
 }
-
-/// Squared error that is expected anywhere, relative to the light.
-const FLOOR: f64 = 1e-4;
 
 /// All elements of a cluster.
 #[derive(Clone, Debug)]
@@ -221,7 +219,7 @@ impl Mesh {
     pub fn expected_error(&self, at: usize, above: &[u32; 2]) -> f64 {
         let rows = above.iter().filter_map(|&row| self.rows.get(row as usize));
         let error: f64 = rows.map(|row| row.fit.structure.max(row.fit.found).max(0.0) + row.fit.noise).sum();
-        error + FLOOR * self.elements[at].line.mean.norm_squared()
+        error + numbers::CHECKED_ANYHOW * self.elements[at].line.mean.norm_squared()
     }
 
     /// Sets the light of all elements from their rows' lines: what a row says holds down to the leaves below, and means
