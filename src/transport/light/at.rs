@@ -236,16 +236,13 @@ impl Smooth {
         found[first..].sort_by(|a, b| a.along.total_cmp(&b.along));
     }
 
-    /// The corners of a leaf, and those that leaves beyond a seam have on its edges: edge, how far along it, light.
+    /// The corners of a leaf, and those that smaller leaves have on its edges: edge, how far along it, light.
     fn outline(&self, points: &[GridPoint]) -> Vec<(usize, f64, Rgb)> {
         let mut outline = Vec::with_capacity(points.len());
         for (i, point) in points.iter().enumerate() {
             outline.push((i, 0.0, self.at(*point)));
-            if !self.beyond.is_empty() {
-                let mut beyond = Vec::new();
-                self.collect_beyond(*point, points[(i + 1) % points.len()], &mut beyond);
-                outline.extend(beyond.into_iter().map(|b| (i, b.along, b.light)));
-            }
+            let between = self.between(*point, points[(i + 1) % points.len()]);
+            outline.extend(between.into_iter().map(|b| (i, b.along, b.light)));
         }
         outline
     }
