@@ -71,7 +71,7 @@ pub const MOST_CELLS: usize = 4;
 // Places measured anew.
 
 /// Rays of each half of a place to lamps, and over the hemisphere.
-pub const CHECK_RAYS: [u64; 2] = [16, 64];
+pub const CHECK_RAYS: [u64; 2] = [32, 128];
 
 /// Squared error that is expected anywhere, relative to the light.
 pub const CHECKED_ANYHOW: f64 = 1e-4;
