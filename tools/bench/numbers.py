@@ -4,8 +4,8 @@
     numbers.py SCENE.obj[:TOLERANCE] ...
 
 In a copy of the commit every number is looked up once a process, so that one build does for all. A model is solved with each,
-and its stored light is audited at 32,768 places. What counts is entries of rows times squared error: at a given error an entry
-is the cost, and the error falls with the root of their number. A ratio of 1.1 says that the same error costs a tenth more.
+and its stored light is audited at 32,768 places. What counts is CPU time times squared error, since the error falls with the
+root of what is spent: 1.1 says that the same error costs a tenth more. Nothing else may run meanwhile.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def looked_up(tree, names):
 
 
 def cost(program, scene, tolerance, change, folder):
-    """Entries of rows times squared error, of a model solved with a changed number."""
+    """CPU time times squared error, of a model solved with a changed number."""
     store = f"{folder}/model.clr"
     shutil.rmtree(store, ignore_errors=True)
     environment = dict(os.environ, CLERESTORY_NUMBER=change)
@@ -84,12 +84,12 @@ def cost(program, scene, tolerance, change, folder):
     solved = subprocess.run(run, env=environment, capture_output=True, text=True)
     if solved.returncode not in (0, 3):
         return None, f"exit {solved.returncode}"
-    entries = json.loads(solved.stdout)["links_stored"]
+    spent_s = json.loads(solved.stdout)["cpu_s"]
     audit = [program, "audit", store, "--places", PLACES, "--json", "-q"]
     found = subprocess.run(audit, capture_output=True, text=True)
     if found.returncode not in (0, 3):
         return None, f"audit: exit {found.returncode}"
-    return entries * json.loads(found.stdout)["audited_nrms"] ** 2, "not converged" if solved.returncode == 3 else ""
+    return spent_s * json.loads(found.stdout)["audited_nrms"] ** 2, "not converged" if solved.returncode == 3 else ""
 
 
 def main():
@@ -126,8 +126,8 @@ def main():
     page = f"""# Chosen numbers
 
 Written by `tools/bench/numbers.py`: nothing in here is typed, and all of it is of commit {commit}. Each number of
-`src/transport/numbers.rs` that a run depends on, halved and doubled: entries of rows times squared error (audited at {PLACES}
-places), over that of the number as it is. 1.1: the same error costs a tenth more. What one audit says is good to about 0.05.
+`src/transport/numbers.rs` that a run depends on, halved and doubled: CPU time times squared error (audited at {PLACES} places),
+over that of the number as it is. 1.1: the same error costs a tenth more. Luck of a run and its audit make up about 0.1.
 
 | number | value | {" | ".join(heads)} | what it is |
 |{" --- |" * (3 + len(heads))}
