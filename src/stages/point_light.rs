@@ -45,7 +45,7 @@ impl<'a, 's> PointLight<'a, 's> {
     pub fn free(&mut self, point: DVec3, normal: DVec3) -> Result<Rgb> {
         let place = self.gather.scene.off_surfaces(point);
         let facet = Facet { place, normal, on: None };
-        let lamps = self.lamps.of_any(&self.gather.around(&facet, &mut self.rays))?;
+        let lamps = self.lamps.of_any(&self.gather.around(&facet, &mut self.rays)?)?;
         self.gather.at(&facet, &lamps, &mut self.rays)
     }
 }

@@ -92,16 +92,16 @@ pub const LEAST_CHECKED: f64 = 64.0;
 // Points of `sample`, and paths.
 
 /// Rays of a batch.
-pub const BATCH: u64 = 64;
+pub const BATCH: u64 = 32;
 
 /// Batches, at least.
 pub const LEAST_BATCHES: u64 = 4;
 
 /// Batches, at most.
-pub const MOST_BATCHES: u64 = 64;
+pub const MOST_BATCHES: u64 = 128;
 
 /// Standard errors that are to lie within the tolerance.
-pub const SURELY: f64 = 3.0;
+pub const SURELY: f64 = 2.0;
 
 /// Share of the paths that go on from a place at most, however much it reflects.
 pub const MOST_GO_ON: f64 = 0.99;

@@ -44,7 +44,7 @@ fn the_clusters_around_a_point_are_those_before_and_behind_it() {
     let (scene, _) = black_room();
     let gather = Gather { scene: scene.rays(), clusters: &scene, lights: &scene, tolerance: 0.01 };
     let facet = Facet { place: DVec3::new(2.0, 1.5, 0.8), normal: DVec3::Z, on: None };
-    let around = gather.around(&facet, &mut 0);
+    let around = gather.around(&facet, &mut 0).unwrap();
     let expected: Vec<ClusterId> = (0..6).map(ClusterId).collect();
     assert!(expected.iter().all(|wall| around.contains(wall)), "{around:?}");
 }

@@ -1,13 +1,15 @@
 //! Places measured anew, against the light that is stored there: what the rows themselves cannot tell, since those that
 //! came out good by luck are never looked at again.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
-use super::lamps::LightTree;
+use super::lamps::{Aim, LightTree};
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
 use crate::geom::sequence::{Sequence, cosine_direction, mix};
 use crate::rays::RayScene;
-use crate::rays::node::Node;
+use crate::rays::node::{Facet, Node};
 use crate::rays::traverse::Nearest;
 use crate::transport::numbers;
 
@@ -59,32 +61,65 @@ impl Check<'_> {
         met: &mut dyn FnMut(Met) -> Result<()>,
     ) -> Result<Arrives> {
         let mut arrives = Arrives { halves: [Rgb::BLACK; 2], direct: Rgb::BLACK };
-        let aim = self.lamps.aim(place, node.normal);
+        let (facet, aim, [to_lamps, over]) =
+            (node.facet(place), self.lamps.aim(place, node.normal), numbers::CHECK_RAYS);
         for (half, sum) in arrives.halves.iter_mut().enumerate() {
-            let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 1)));
+            let numbers = |of: u64| Sequence::new(mix(seed ^ mix(half as u64 + of)));
             if let Some(aim) = &aim {
-                for index in 0..numbers::CHECK_RAYS[0] {
-                    let numbers = sequence.point(index);
-                    if let Some((lamp, factor)) = self.lamps.reach(&self.scene, aim, &node.facet(place), numbers, rays)
-                    {
-                        *sum += Rgb::from_f32((self.exitance)(lamp)?) * (factor / numbers::CHECK_RAYS[0] as f64);
-                    }
-                }
+                let bring = from_lamps(
+                    &self.scene,
+                    (self.lamps, aim),
+                    &facet,
+                    (&numbers(1), 0..to_lamps),
+                    self.exitance,
+                    rays,
+                )?;
+                *sum += bring * (1.0 / to_lamps as f64);
             }
             arrives.direct += *sum * 0.5;
-            let sequence = Sequence::new(mix(seed ^ mix(half as u64 + 3)));
-            for index in 0..numbers::CHECK_RAYS[1] {
-                let [u, v, ..] = sequence.point(index);
-                let direction = cosine_direction(node.normal, u, v);
-                *rays += 1;
-                if let Nearest::Met(hit) = self.scene.nearest(place, direction, Some(&node.end)) {
-                    let end = place + direction * hit.t;
-                    let (cluster, side) = (ClusterId(hit.key.cluster), hit.side());
-                    *sum += Rgb::from_f32((self.leaving)(cluster, side, end)?) * (1.0 / numbers::CHECK_RAYS[1] as f64);
-                    met(Met { index, cluster, side, place: end })?;
-                }
-            }
+            over_hemisphere(&self.scene, &facet, (&numbers(3), 0..over), rays, &mut |end| {
+                *sum += Rgb::from_f32((self.leaving)(end.cluster, end.side, end.place)?) * (1.0 / over as f64);
+                met(end)
+            })?;
         }
         Ok(arrives)
     }
+}
+
+/// What rays of those numbers to lamps bring to a facet, summed up, W/m2.
+pub fn from_lamps(
+    scene: &RayScene<'_>,
+    (lamps, aim): (&LightTree, &Aim),
+    facet: &Facet<'_>,
+    (numbers, range): (&Sequence, Range<u64>),
+    exitance: &dyn Fn(NodeName) -> Result<[f32; 3]>,
+    rays: &mut u64,
+) -> Result<Rgb> {
+    let mut sum = Rgb::BLACK;
+    for index in range {
+        if let Some((lamp, factor)) = lamps.reach(scene, aim, facet, numbers.point(index), rays) {
+            sum += Rgb::from_f32(exitance(lamp)?) * factor;
+        }
+    }
+    Ok(sum)
+}
+
+/// Visits the ends of cosine-weighted rays of those numbers over a facet.
+pub fn over_hemisphere(
+    scene: &RayScene<'_>,
+    facet: &Facet<'_>,
+    (numbers, range): (&Sequence, Range<u64>),
+    rays: &mut u64,
+    visit: &mut dyn FnMut(Met) -> Result<()>,
+) -> Result<()> {
+    for index in range {
+        let [u, v, ..] = numbers.point(index);
+        let direction = cosine_direction(facet.normal, u, v);
+        *rays += 1;
+        if let Nearest::Met(hit) = scene.nearest(facet.place, direction, facet.on) {
+            let place = facet.place + direction * hit.t;
+            visit(Met { index, cluster: ClusterId(hit.key.cluster), side: hit.side(), place })?;
+        }
+    }
+    Ok(())
 }

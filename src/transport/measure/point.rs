@@ -1,13 +1,12 @@
 //! The light at a point of a surface or in the open, measured anew: rays to lamps, and rays over the hemisphere that read the stored
 //! light where they end.
 
-use super::check::Met;
+use super::check::{Met, from_lamps, over_hemisphere};
 use super::path::InSight;
 use crate::base::{ClusterId, Result, Rgb};
-use crate::geom::sequence::{Sequence, cosine_direction, mix, mix_point};
+use crate::geom::sequence::{Sequence, mix, mix_point};
 use crate::rays::RayScene;
 use crate::rays::node::Facet;
-use crate::rays::traverse::Nearest;
 use crate::transport::light::lit::Lights;
 use crate::transport::numbers;
 use crate::transport::source::{Clusters, exitance};
@@ -50,10 +49,11 @@ impl Sum {
         self.light * (1.0 / self.batches.max(1) as f64)
     }
 
-    /// Variance of the mean, (W/m2)2; it is no more than this, since batches complement each other.
+    /// Variance of the mean, (W/m2)2. Batches complement each other: what edges of shadows leave of it falls with the power
+    /// 3/2 of their number (Mitchell 1996, "Consequences of stratified sampling in graphics").
     fn variance(&self) -> f64 {
         let n = self.batches as f64;
-        ((self.squares / n - self.mean().norm_squared()) / (n - 1.0)).max(0.0)
+        ((self.squares / n - self.mean().norm_squared()) / ((n - 1.0) * n.sqrt())).max(0.0)
     }
 }
 
@@ -64,43 +64,25 @@ impl Gather<'_> {
         let (to_lamps, over) = (Sequence::new(seed), Sequence::new(mix(seed ^ 1)));
         let (mut direct, mut indirect) = (Sum::default(), Sum::default());
         let aim = lamps.tree.aim(facet.place, facet.normal);
+        let of_lamp = |lamp| exitance(self.clusters, lamp);
         for batch in 0..numbers::MOST_BATCHES {
             let enough = (self.tolerance / numbers::SURELY).powi(2) * (direct.mean() + indirect.mean()).norm_squared();
             let is_early = batch < numbers::LEAST_BATCHES;
             if let Some(aim) = aim.as_ref().filter(|_| is_early || direct.variance() > 0.5 * enough) {
-                let mut light = Rgb::BLACK;
-                for index in direct.next() {
-                    if let Some((lamp, factor)) = lamps.tree.reach(&self.scene, aim, facet, to_lamps.point(index), rays)
-                    {
-                        light += Rgb::from_f32(exitance(self.clusters, lamp)?) * factor;
-                    }
-                }
+                let light =
+                    from_lamps(&self.scene, (&lamps.tree, aim), facet, (&to_lamps, direct.next()), &of_lamp, rays)?;
                 direct.add(light * (1.0 / numbers::BATCH as f64));
             }
             if is_early || indirect.variance() > 0.5 * enough {
                 let mut light = Rgb::BLACK;
-                for index in indirect.next() {
-                    *rays += 1;
-                    if let Some(met) = self.met(facet, over.point(index), index) {
-                        light += self.leaving(facet, lamps, &met)?;
-                    }
-                }
+                over_hemisphere(&self.scene, facet, (&over, indirect.next()), rays, &mut |met| {
+                    light += self.leaving(facet, lamps, &met)?;
+                    Ok(())
+                })?;
                 indirect.add(light * (1.0 / numbers::BATCH as f64));
             }
         }
         Ok(direct.mean() + indirect.mean())
-    }
-
-    /// Where a ray over the hemisphere ends, by numbers in 0..1.
-    fn met(&self, facet: &Facet<'_>, [u, v, ..]: [f64; 4], index: u64) -> Option<Met> {
-        let direction = cosine_direction(facet.normal, u, v);
-        match self.scene.nearest(facet.place, direction, facet.on) {
-            Nearest::Met(hit) => {
-                let place = facet.place + direction * hit.t;
-                Some(Met { index, cluster: ClusterId(hit.key.cluster), side: hit.side(), place })
-            }
-            Nearest::Escaped | Nearest::Covered => None,
-        }
     }
 
     /// What leaves there that rays to lamps do not bring, W/m2.
@@ -112,18 +94,18 @@ impl Gather<'_> {
 
     /// Clusters around a point in the open, ascending: those that a batch of rays meets, in front and behind. Behind it
     /// lies what sees its lamps past it.
-    #[must_use]
-    pub fn around(&self, facet: &Facet<'_>, rays: &mut u64) -> Vec<ClusterId> {
+    pub fn around(&self, facet: &Facet<'_>, rays: &mut u64) -> Result<Vec<ClusterId>> {
         let ways = Sequence::new(mix(mix(mix_point(facet.place)) ^ 2));
         let behind = Facet { normal: -facet.normal, ..*facet };
-        *rays += numbers::BATCH;
-        let met = (0..numbers::BATCH).filter_map(|index| {
-            let half = if index < numbers::BATCH / 2 { facet } else { &behind };
-            self.met(half, ways.point(index), index)
-        });
-        let mut clusters: Vec<ClusterId> = met.map(|met| met.cluster).collect();
+        let mut clusters = Vec::new();
+        for (half, range) in [(facet, 0..numbers::BATCH / 2), (&behind, numbers::BATCH / 2..numbers::BATCH)] {
+            over_hemisphere(&self.scene, half, (&ways, range), rays, &mut |met| {
+                clusters.push(met.cluster);
+                Ok(())
+            })?;
+        }
         clusters.sort_unstable();
         clusters.dedup();
-        clusters
+        Ok(clusters)
     }
 }
