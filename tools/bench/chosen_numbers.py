@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Doubles and halves each chosen number of `src/transport/numbers.rs`, and writes what that does into docs/numbers.md.
 
-    numbers.py SCENE.obj[:TOLERANCE] ...
+    chosen_numbers.py SCENE.obj[:TOLERANCE] ...
 
 In a copy of the commit every number is looked up once a process, so that one build does for all. A model is solved with each,
 and its stored light is audited at 32,768 places. What counts is CPU time times squared error, since the error falls with the
@@ -125,7 +125,7 @@ def main():
     heads = [f"{what}: {name}" for what in ("halved", "doubled") for name in names]
     page = f"""# Chosen numbers
 
-Written by `tools/bench/numbers.py`: nothing in here is typed, and all of it is of commit {commit}. Each number of
+Written by `tools/bench/chosen_numbers.py`: nothing in here is typed, and all of it is of commit {commit}. Each number of
 `src/transport/numbers.rs` that a run depends on, halved and doubled: CPU time times squared error (audited at {PLACES} places),
 over that of the number as it is. 1.1: the same error costs a tenth more. Luck of a run and its audit make up about 0.1.
 
