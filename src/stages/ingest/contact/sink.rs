@@ -4,7 +4,8 @@ use bytemuck::Zeroable;
 
 use super::super::piece::FaceCorner;
 use super::super::record_file::RecordFile;
-use super::cell::{Border, Corner};
+use super::cell::{Border, Cell, Corner};
+use super::joined::CHAIN_M;
 use super::plane::{Line, Plane};
 use super::seams::{PartEdge, PartSeam, seams};
 use super::segments::{ABOVE, BELOW, CROSSING, Segment, UPRIGHT};
@@ -62,11 +63,14 @@ impl FaceSink<'_> {
 
     /// Adds a part of three or four corners; it as a node's child.
     pub fn part(&mut self, corners: &[Corner]) -> Result<u32> {
+        // Lines within a centimetre of each other let no light pass between them: what is narrower (a triangle
+        // below twice that) joins nothing.
+        let joins = Cell { corners: corners.to_vec() }.width_m() > 2.0 * CHAIN_M;
         let mut part = Part { corner_count: corners.len() as u32, ..Part::zeroed() };
         for (i, corner) in corners.iter().enumerate() {
             part.corners_m[i..].fill(corner.at.as_vec3().to_array());
             part.named[i] = corner.of_face.map_or(FaceCorner::MADE, |k| self.named[usize::from(k)]);
-            if let Border::Node(node) = corner.edge {
+            if let (true, Border::Node(node)) = (joins, corner.edge) {
                 let ends = [corner.flat, corners[(i + 1) % corners.len()].flat];
                 self.edges.push(PartEdge { node, part: self.cuts.parts, edge: i as u32, ends });
             }

@@ -204,6 +204,21 @@ fn seams_are_where_cuts_go_on_beyond_what_stands() {
 }
 
 #[test]
+fn between_two_walls_within_a_centimetre_no_seam_leads_to_the_other_side() {
+    // Two walls that overlap by half a metre, four millimetres apart: neither doubles the other.
+    let wall = |from: f64, to: f64, y: f64| quad(DVec3::new(from, y, 0.0), DVec3::X * (to - from), DVec3::Z);
+    let result = cut_first(&[floor(5.0, 4.0), wall(0.0, 2.75, 2.0), wall(2.25, 5.0, 2.004)]);
+    assert!(result.parts.len() > 2, "{}", result.parts.len());
+    for seam in &result.seams {
+        let middles = seam.parts.map(|part| {
+            let of = corners(&result.parts[part as usize]);
+            of.iter().sum::<DVec3>().y / of.len() as f64
+        });
+        assert!(middles.iter().all(|y| (y - 2.002).abs() > 0.05), "{middles:?}");
+    }
+}
+
+#[test]
 fn under_a_wall_on_a_floor_light_goes_on_below_it() {
     let wall = quad(DVec3::new(1.0, 2.0, 0.0), DVec3::X * 2.0, DVec3::Z);
     let result = cut_first(&[floor(5.0, 4.0), wall]);
