@@ -78,6 +78,13 @@ def total(leaves):
     return sum(float(leaf["area_m2"]) * float(leaf["irradiance_g_w_m2"]) for leaf in leaves)
 
 
+def write_points(path, leaves):
+    with open(path, "w") as file:
+        file.write("x,y,z,nx,ny,nz\n")
+        for leaf in leaves:
+            file.write(",".join(leaf[key] for key in ("x", "y", "z", "nx", "ny", "nz")) + "\n")
+
+
 def sampled(store, points):
     run = subprocess.run([PROGRAM, "sample", store, "--points", points, "-o", "-", "-q"], check=True, capture_output=True, text=True)
     return [float(row["irradiance_g_w_m2"] or "nan") for row in rows(run.stdout)]
@@ -95,11 +102,8 @@ class Fresh:
         leaves = rows(self.text)
         self.total = total(leaves)
         self.points = os.path.join(folder, "points.csv")
-        with open(self.points, "w") as file:
-            file.write("x,y,z,nx,ny,nz\n")
-            lit = [leaf for leaf in leaves if float(leaf["irradiance_g_w_m2"]) > 0]
-            for leaf in random.Random(1).sample(lit, min(SENSORS, len(lit))):
-                file.write(",".join(leaf[key] for key in ("x", "y", "z", "nx", "ny", "nz")) + "\n")
+        lit = [leaf for leaf in leaves if float(leaf["irradiance_g_w_m2"]) > 0]
+        write_points(self.points, random.Random(1).sample(lit, min(SENSORS, len(lit))))
         self.sensors = sampled(store, self.points)
         self.tolerance = TOLERANCE[self.flags[1]]
 

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 
-from changed import PROGRAM, rows, exported, sampled, total
+from changed import PROGRAM, exported, rows, sampled, total, write_points
 
 SENSORS = 100
 
@@ -91,12 +91,10 @@ def main():
             leaves = rows(exported(fresh))
             lit = [leaf for leaf in leaves if float(leaf["irradiance_g_w_m2"]) > 0]
             points = os.path.join(work, "points.csv")
-            with open(points, "w") as file:
-                file.write("x,y,z,nx,ny,nz\n")
-                for leaf in lit[:: max(1, len(lit) // SENSORS)]:
-                    file.write(",".join(leaf[key] for key in ("x", "y", "z", "nx", "ny", "nz")) + "\n")
+            write_points(points, lit[:: max(1, len(lit) // SENSORS)])
             expected = total(leaves)
-            off = total(rows(exported(old))) / expected - 1 if expected else total(rows(exported(old)))
+            found = total(rows(exported(old)))
+            off = found / expected - 1 if expected else found
             pairs = list(zip(sampled(old, points), sampled(fresh, points))) if lit else []
             mean = sum(b for _, b in pairs) / max(1, len(pairs))
             worst = max((abs(a - b) / max(b, mean) for a, b in pairs), default=0)

@@ -122,39 +122,37 @@ impl SideLight {
     /// Corners of leaves on one of them.
     #[must_use]
     pub fn corners_of(&self, side: PatchSide) -> usize {
-        self.sheets.iter().filter(|sheet| sheet.patch == side.patch).map(|s| s.corners.len() + s.beyond.len()).sum()
+        let sheet = self.sheet(side.patch);
+        sheet.corners.len() + sheet.beyond.len()
     }
 
-    fn sheet(&self, leaf: NodeName) -> &Smooth {
-        let patch = leaf.patch_side().patch;
+    fn sheet(&self, patch: u8) -> &Smooth {
         let at = self.sheets.binary_search_by_key(&patch, |sheet| sheet.patch);
-        &self.sheets[at.expect("a leaf of these sides")]
+        &self.sheets[at.expect("one of these patches")]
     }
 
     /// Values at a leaf's corners, W/m2, in the winding of the front.
     #[must_use]
     pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
-        let sheet = self.sheet(leaf);
+        let sheet = self.sheet(leaf.patch_side().patch);
         element_corners(&sheet.shape, leaf.path()).0.map(|point| sheet.at(point))
     }
 
     /// Corners of smaller leaves that lie between two corners of a leaf's edge, in order.
     #[must_use]
     pub fn between(&self, leaf: NodeName, from: GridPoint, to: GridPoint) -> Vec<Between> {
-        self.sheet(leaf).between(from, to)
+        self.sheet(leaf.patch_side().patch).between(from, to)
     }
 
     /// The light at a point of a leaf, W/m2. `shape`: the leaf's, in the winding of the front.
     #[must_use]
     pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
-        let sheet = self.sheet(leaf);
+        let sheet = self.sheet(leaf.patch_side().patch);
         let (points, count) = element_corners(&sheet.shape, leaf.path());
-        let values = points.map(|point| sheet.at(point));
-        let corners = shape.corners();
-        let around = sheet.outline(&points[..count]);
+        let (corners, around) = (shape.corners(), sheet.outline(&points[..count]));
         if around.len() > count {
             // As a mesh has it: between the corners of the triangle about the middle that holds the point.
-            let (middle, mean) = (shape.centre(), mean_of(&values[..count]));
+            let (middle, mean) = (shape.centre(), mean_of_corners(&around));
             let place = |i: usize| corners[around[i].0].lerp(corners[(around[i].0 + 1) % count], around[i].1);
             let in_triangle = |i: usize| {
                 let next = (i + 1) % around.len();
@@ -166,7 +164,7 @@ impl SideLight {
             return triangles.reduce(|a, b| if b.0 > a.0 { b } else { a }).expect("a leaf has corners").1;
         }
         let weights = mean_value_weights(corners, point);
-        weights.into_iter().zip(values).fold(Rgb::BLACK, |sum, (weight, value)| sum + value * weight)
+        weights.into_iter().zip(&around).fold(Rgb::BLACK, |sum, (weight, corner)| sum + corner.2 * weight)
     }
 }
 
@@ -250,8 +248,8 @@ impl Smooth {
     /// The integral over a leaf, W.
     fn flux(&self, leaf: &SheetLeaf) -> Rgb {
         let n = leaf.count;
-        let (around, corners) = (self.outline(&leaf.points[..n]), leaf.points.map(|point| self.at(point)));
-        let mean = mean_of(&corners[..n]);
+        let around = self.outline(&leaf.points[..n]);
+        let mean = mean_of_corners(&around);
         if around.len() == n {
             return mean * leaf.area_m2;
         }
@@ -269,8 +267,11 @@ impl Smooth {
     }
 }
 
-fn mean_of(values: &[Rgb]) -> Rgb {
-    values.iter().fold(Rgb::BLACK, |sum, value| sum + *value) * (1.0 / values.len() as f64)
+/// The mean over the corners of a leaf's own in its outline.
+fn mean_of_corners(outline: &[(usize, f64, Rgb)]) -> Rgb {
+    let corners = outline.iter().filter(|(_, along, _)| *along == 0.0);
+    let (sum, n) = corners.fold((Rgb::BLACK, 0.0), |(sum, n), (.., light)| (sum + *light, n + 1.0));
+    sum * (1.0 / n)
 }
 
 /// Barycentric coordinates of a point in a triangle's plane; one is below 0 outside.

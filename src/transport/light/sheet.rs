@@ -119,9 +119,13 @@ impl Sheet {
     /// Whether leaves have a corner at a place of an edge.
     #[must_use]
     pub fn has_corner(&self, edge: usize, along: f64) -> bool {
+        along >= 1.0 - numbers::SAME || along - self.stop_before(edge, along).along <= numbers::SAME
+    }
+
+    /// The last corner up to a place of an edge.
+    fn stop_before(&self, edge: usize, along: f64) -> &Stop {
         let stops = &self.stops[edge];
-        let after = stops.partition_point(|stop| stop.along <= along + numbers::SAME);
-        along >= 1.0 - numbers::SAME || along - stops[after - 1].along <= numbers::SAME
+        &stops[stops.partition_point(|stop| stop.along <= along + numbers::SAME) - 1]
     }
 
     /// The seams at a place of an edge: where it lies beyond.
@@ -139,13 +143,11 @@ impl Sheet {
 
     /// The sum of what the leaves at a place of an edge predict, and how many they are.
     fn at_edge(&self, edge: usize, along: f64) -> (Rgb, f64) {
-        let stops = &self.stops[edge];
-        let after = stops.partition_point(|stop| stop.along <= along + numbers::SAME);
-        let last = &stops[after - 1];
+        let last = self.stop_before(edge, along);
         if along - last.along <= numbers::SAME {
             return self.sums[&last.point];
         }
-        if after == stops.len() && 1.0 - along <= numbers::SAME {
+        if 1.0 - along <= numbers::SAME {
             return self.at_edge((edge + 1) % self.stops.len(), 0.0);
         }
         let corners = self.shape.corners();

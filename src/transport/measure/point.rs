@@ -92,13 +92,13 @@ impl Gather<'_> {
         Ok(if facet.on.is_some() { stored } else { stored + lamps.missed(self.clusters, met)? })
     }
 
-    /// Clusters around a point in the open, ascending: those that a batch of rays meets, in front and behind. Behind it
+    /// Clusters around a point in the open, ascending: those that a batch of rays meets in front, and one behind. Behind it
     /// lies what sees its lamps past it.
     pub fn around(&self, facet: &Facet<'_>, rays: &mut u64) -> Result<Vec<ClusterId>> {
         let ways = Sequence::new(mix(mix(mix_point(facet.place)) ^ 2));
         let behind = Facet { normal: -facet.normal, ..*facet };
         let mut clusters = Vec::new();
-        for (half, range) in [(facet, 0..numbers::BATCH / 2), (&behind, numbers::BATCH / 2..numbers::BATCH)] {
+        for (half, range) in [(facet, 0..numbers::BATCH), (&behind, numbers::BATCH..2 * numbers::BATCH)] {
             over_hemisphere(&self.scene, half, (&ways, range), rays, &mut |met| {
                 clusters.push(met.cluster);
                 Ok(())

@@ -34,7 +34,7 @@ pub fn cut_face(face: &Face, neighbours: &mut Neighbours, rules: &Rules, sink: &
     let cell = Cell { corners: (0..n).map(corner).collect() };
     let mut sink = sink.face(plane, face.named);
     if cell.extent_m() < rules.least_m {
-        sink.part(&cell.corners)?;
+        sink.part(&cell)?;
         return sink.finish(0.0);
     }
     let outline: Vec<DVec2> = cell.corners.iter().map(|c| c.flat).collect();

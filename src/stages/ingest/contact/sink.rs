@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 
 use super::super::piece::FaceCorner;
 use super::super::record_file::RecordFile;
-use super::cell::{Border, Cell, Corner};
+use super::cell::{Border, Cell};
 use super::joined::CHAIN_M;
 use super::plane::{Line, Plane};
 use super::seams::{PartEdge, PartSeam, seams};
@@ -62,10 +62,10 @@ impl FaceSink<'_> {
     }
 
     /// Adds a part of three or four corners; it as a node's child.
-    pub fn part(&mut self, corners: &[Corner]) -> Result<u32> {
+    pub fn part(&mut self, cell: &Cell) -> Result<u32> {
         // Lines within a centimetre of each other let no light pass between them: what is narrower (a triangle
         // below twice that) joins nothing.
-        let joins = Cell { corners: corners.to_vec() }.width_m() > 2.0 * CHAIN_M;
+        let (corners, joins) = (&cell.corners, cell.width_m() > 2.0 * CHAIN_M);
         let mut part = Part { corner_count: corners.len() as u32, ..Part::zeroed() };
         for (i, corner) in corners.iter().enumerate() {
             part.corners_m[i..].fill(corner.at.as_vec3().to_array());

@@ -75,12 +75,12 @@ impl Grower<'_, '_> {
     /// Makes parts of a region: along diagonals into as few triangles and quads as it takes.
     fn finish(&mut self, mut cell: Cell) -> Result<u32> {
         if cell.corners.len() == self.corners && cell.corners.iter().all(|c| c.of_face.is_some()) {
-            return self.sink.part(&cell.corners);
+            return self.sink.part(&cell);
         }
         straighten(&mut cell.corners, 0.25 * self.near_m);
         let n = cell.corners.len();
         if n == 3 || (n == 4 && flattest(&cell.corners) > FLAT) {
-            return self.sink.part(&cell.corners);
+            return self.sink.part(&cell);
         }
         let best = diagonals(&cell).reduce(|a, b| if b.0 > a.0 { b } else { a });
         match best.filter(|(width_m, ..)| *width_m >= 0.5 * self.near_m) {
@@ -92,7 +92,7 @@ impl Grower<'_, '_> {
                 self.sink.set(node, line, [left, right])?;
                 Ok(node)
             }
-            None if n == 4 => self.sink.part(&cell.corners),
+            None if n == 4 => self.sink.part(&cell),
             None => {
                 let bend = |i: usize| bend(&cell.corners, i);
                 let least = (0..n).reduce(|a, b| if bend(b) < bend(a) { b } else { a }).expect("it has corners");
