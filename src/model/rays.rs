@@ -14,8 +14,7 @@ use super::layout::ArraysBuilder;
 /// "Cluster" number of the top extent.
 pub const TOP: u32 = u32::MAX;
 
-/// A node: eight slots for children, which are three levels of a binary tree: slots 0 to 3 are its one half, 4 to 7
-/// the other, and so on down. A leaf further up takes the first slot of its half.
+/// A node: eight slots for children.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayNode {

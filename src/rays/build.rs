@@ -14,11 +14,6 @@ use crate::geom::bounds::Bounds;
 use crate::model::geometry::PatchRecord;
 use crate::model::rays::{ClusterRef, RayNode, RayPatch, WHOLE};
 
-/// Most faces of a leaf: as many as rays look at in one go.
-pub(super) const FACES_A_LEAF: u32 = 4;
-/// Most clusters of a leaf of the top level.
-pub(super) const CLUSTERS_A_LEAF: u32 = 2;
-
 struct Item(Aabb);
 
 impl Boundable for Item {
@@ -28,39 +23,49 @@ impl Boundable for Item {
 }
 
 /// Hierarchy over boxes: nodes, and the order in which leaves run over the boxes.
-fn hierarchy(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<RayNode>, Vec<u32>) {
-    let (binary, order) = binary(boxes, per_leaf);
+fn hierarchy(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>) -> (Vec<RayNode>, Vec<u32>) {
+    let (binary, order) = binary(boxes);
     (collapsed(&binary), order)
 }
 
-/// Binary hierarchy over boxes.
-pub(super) fn binary(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>, per_leaf: u32) -> (Vec<Bvh2Node>, Vec<u32>) {
+/// Binary hierarchy over boxes, one a leaf.
+fn binary(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>) -> (Vec<Bvh2Node>, Vec<u32>) {
     let items: Vec<Item> = boxes.map(|(min, max)| Item(Aabb::new(Vec3A::from(min), Vec3A::from(max)))).collect();
-    if items.len() <= per_leaf as usize {
+    if items.len() <= 1 {
         let whole = items.iter().fold(Aabb::empty(), |a, b| a.union(&b.0));
         return (vec![Bvh2Node::new(whole, items.len() as u32, 0)], (0..items.len() as u32).collect());
     }
     let mut params = BvhBuildParams::medium_build();
-    params.max_prims_per_leaf = per_leaf;
+    params.max_prims_per_leaf = 1;
     let bvh = build_bvh2(&items, params, &mut Duration::default());
     (bvh.nodes, bvh.primitive_indices)
 }
 
-/// Three levels of a binary hierarchy in each node.
+/// The largest boxes of a binary hierarchy opened, eight to a node.
 fn collapsed(binary: &[Bvh2Node]) -> Vec<RayNode> {
     let mut nodes = vec![RayNode::EMPTY];
-    let mut waiting = vec![(0u32, 0)];
+    let mut waiting = vec![(0, 0)];
     while let Some((top, into)) = waiting.pop() {
-        let mut within = vec![(top, 0, 8)];
-        while let Some((at, slot, slots)) = within.pop() {
+        let mut within: Vec<u32> = vec![top];
+        let area = |at: u32| {
             let node = &binary[at as usize];
-            let (bounds_m, first, items) = ((node.min.into(), node.max.into()), node.first_index, node.prim_count);
-            if items > 0 {
-                nodes[into] = nodes[into].with(slot, bounds_m, first, items);
-            } else if slots > 1 {
-                within.extend([(first, slot, slots / 2), (first + 1, slot + slots / 2, slots / 2)]);
-            } else {
-                nodes[into] = nodes[into].with(slot, bounds_m, nodes.len() as u32, 0);
+            if node.prim_count > 0 { 0.0 } else { node.aabb().half_area() }
+        };
+        while within.len() < 8
+            && let Some(largest) = (0..within.len())
+                .filter(|&i| binary[within[i] as usize].prim_count == 0)
+                .max_by(|&i, &j| area(within[i]).total_cmp(&area(within[j])))
+        {
+            let first = binary[within[largest] as usize].first_index;
+            within[largest] = first;
+            within.push(first + 1);
+        }
+        for (slot, &at) in within.iter().enumerate() {
+            let node = &binary[at as usize];
+            let (bounds_m, items) = ((node.min.into(), node.max.into()), node.prim_count);
+            let first = if items > 0 { node.first_index } else { nodes.len() as u32 };
+            nodes[into] = nodes[into].with(slot, bounds_m, first, items);
+            if items == 0 {
                 waiting.push((at, nodes.len()));
                 nodes.push(RayNode::EMPTY);
             }
@@ -88,7 +93,7 @@ pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
         let b = Bounds::of(&face.corners_m.map(|c| DVec3::from_array(c.map(f64::from))));
         (b.min.as_vec3().to_array(), b.max.as_vec3().to_array())
     });
-    let (nodes, order) = hierarchy(boxes, FACES_A_LEAF);
+    let (nodes, order) = hierarchy(boxes);
     (nodes, order.iter().map(|&i| faces[i as usize]).collect())
 }
 
@@ -96,6 +101,6 @@ pub fn cluster(faces: &[RayPatch]) -> (Vec<RayNode>, Vec<RayPatch>) {
 /// clusters (about 150 bytes each), the one thing in a store's making that does.
 #[must_use]
 pub fn top(clusters: &[(ClusterRef, [f32; 3], [f32; 3])]) -> (Vec<RayNode>, Vec<ClusterRef>) {
-    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)), CLUSTERS_A_LEAF);
+    let (nodes, order) = hierarchy(clusters.iter().map(|c| (c.1, c.2)));
     (nodes, order.iter().map(|&i| clusters[i as usize].0).collect())
 }

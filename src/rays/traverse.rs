@@ -1,11 +1,10 @@
 //! Traversal: is a segment blocked, and what does a ray meet first. f64, edge-safe.
 //!
-//! The triangle test evaluates each edge's Pluecker product in an order that the neighbour across
+//! The triangle test evaluates what each edge spans with the ray in an order that the neighbour across
 //! the edge mirrors exactly, and counts zero as inside: a ray through a shared edge meets at least
-//! one of the two. Where faces coincide, a ray meets the one that fronts it: see [`Rank`].
+//! one of the two. Where faces coincide, a ray meets the one that fronts it: see [`Rank`]. No answer depends on the order
+//! in which faces come.
 
-#[cfg(test)]
-mod reference;
 #[cfg(test)]
 mod tests;
 
@@ -76,6 +75,9 @@ pub fn patch_normal(patch: &RayPatch) -> DVec3 {
 
 /// Cosine above which two planes count as parallel (2.5 degrees).
 pub(super) const PARALLEL: f64 = 0.999;
+
+/// Cosine of rays with faces below which those that nearly coincide are met as they come.
+const GRAZING: f64 = 0.02;
 
 impl RayScene<'_> {
     /// A side's place among those that coincide with it.
@@ -231,6 +233,24 @@ struct Open<'s, 'a> {
     start: Option<&'s RayEnd>,
 }
 
+/// A face that a ray crosses.
+#[derive(Clone, Copy)]
+struct Met<'a> {
+    hit: Hit,
+    face: Face,
+    of: Structure<'a>,
+    patch: &'a RayPatch,
+    /// Of the ray towards the face, in metres a length of its own.
+    speed: f64,
+}
+
+impl Met<'_> {
+    /// Whether it lies within the snap length of a face that the ray crosses at `t` before.
+    fn is_at(&self, t: f64, snap_m: f64) -> bool {
+        (self.hit.t - t) * self.speed <= snap_m
+    }
+}
+
 impl<'a> Cast for Open<'_, 'a> {
     type Answer = Nearest;
 
@@ -239,8 +259,11 @@ impl<'a> Cast for Open<'_, 'a> {
         let Self { scene, from, along, start } = self;
         let before = start.map_or(0.0, |s| scene.reach(along, s));
         let ray = Ray::new(from, along, -before, scene.largest_m);
+        let slack = scene.snap_m / (GRAZING * along.length());
         let mut covered = false;
-        let mut best: Option<(Hit, Face, Structure<'a>, &RayPatch)> = None;
+        let mut nearest: Option<Met<'a>> = None;
+        // Hardly ever any: what lies as near, or a little beyond.
+        let mut others: Vec<Met<'a>> = Vec::new();
         scene.visit::<L, true>(lanes, &ray, (-before, f64::INFINITY), |of, patch, t, limit| {
             let key = of.key(patch);
             if let Some(start) = start {
@@ -261,28 +284,29 @@ impl<'a> Cast for Open<'_, 'a> {
             let speed = normal.dot(along);
             let hit = Hit { key, normal, front: speed < 0.0, t };
             let face = Face { key, front: hit.front, area_m2: patch.area_m2 };
-            // Faces within the snap length of the nearest compete by rank; others by distance.
-            let slack = 2.0 * scene.snap_m / speed.abs().max(1e-6 * along.length());
-            let wins = best.as_ref().is_none_or(|(other, other_face, ..)| {
-                let gap = (t - other.t) * speed.abs();
-                if gap.abs() <= scene.snap_m && normal.dot(other.normal).abs() > PARALLEL {
-                    scene.covers_face(&face, other_face)
-                } else {
-                    t < other.t || (t == other.t && scene.covers_face(&face, other_face))
+            let met = Met { hit, face, of: *of, patch, speed: speed.abs() };
+            let behind = match nearest {
+                Some(other) if other.hit.t < t || (other.hit.t == t && scene.covers_face(&other.face, &face)) => {
+                    Some(met)
                 }
-            });
-            if wins {
-                *limit = t + slack;
-                best = Some((hit, face, *of, patch));
-            }
+                _ => nearest.replace(met),
+            };
+            let first_t = nearest.as_ref().map_or(t, |nearest| nearest.hit.t);
+            // What covers the start is looked for as far as it may be.
+            *limit = (first_t + slack).max(before);
+            others.extend(behind.filter(|other| other.is_at(first_t, scene.snap_m)));
             false
         });
-        match best {
-            _ if covered => Nearest::Covered,
-            Some((hit, _, of, face)) => {
-                Nearest::Met(Hit { key: scene.patch_at(&of, face, from + along * hit.t), ..hit })
-            }
-            None => Nearest::Escaped,
-        }
+        let Some(nearest) = nearest.filter(|_| !covered) else {
+            return if covered { Nearest::Covered } else { Nearest::Escaped };
+        };
+        let t = nearest.hit.t;
+        let seen = others.iter().fold(&nearest, |seen, other| {
+            let coincides = other.hit.normal.dot(nearest.hit.normal).abs() > PARALLEL
+                && other.is_at(t, scene.snap_m)
+                && other.hit.t <= t + slack;
+            if coincides && scene.covers_face(&other.face, &seen.face) { other } else { seen }
+        });
+        Nearest::Met(Hit { key: scene.patch_at(&seen.of, seen.patch, from + along * seen.hit.t), ..seen.hit })
     }
 }

@@ -2,13 +2,14 @@
 
 use glam::DVec3;
 
-use super::lanes::{AT_ONCE, BoxRay, FaceRay, Lanes, Swaps};
+use super::lanes::{BoxRay, FaceRay, Lanes};
 use super::scene::{RayScene, Structure};
 use crate::model::rays::{RayNode, RayPatch};
 
 /// A ray: f64 for faces, f32 for boxes.
 pub(super) struct Ray {
     face: FaceRay,
+    from: DVec3,
     boxes: BoxRay,
     is_wide: bool,
 }
@@ -16,11 +17,15 @@ pub(super) struct Ray {
 /// Largest coordinate, m, from which a model is wide: boxes are grown by millimetres and more.
 const WIDE_M: f32 = 1e4;
 
-/// What boxes are grown by, in lengths of the ray: more than the rounding of differences, which the largest
-/// coordinate bounds.
-fn padding(inverse: DVec3, from: DVec3, largest_m: f32) -> [f32; 3] {
+/// What is subtracted of planes' coordinates over the direction, by axis: boxes are grown by more than rounding, which the
+/// largest coordinate bounds.
+fn begins(inverse: [f32; 3], from: DVec3, largest_m: f32) -> [[f32; 2]; 3] {
     let reach_m = from.abs().max_element().max(f64::from(largest_m));
-    (inverse.abs() * (reach_m * 4e-7)).as_vec3().to_array()
+    std::array::from_fn(|axis| {
+        let inverse = f64::from(inverse[axis]);
+        let (begin, padding) = (from[axis] * inverse, inverse.abs() * (reach_m * 6e-7));
+        [(begin + padding) as f32, (begin - padding) as f32]
+    })
 }
 
 /// A distance as f32, not below it.
@@ -31,16 +36,15 @@ fn rounded_up(x: f64) -> f32 {
 impl Ray {
     /// From `low` on; no coordinate of what may be met is larger than `largest_m`.
     pub(super) fn new(from: DVec3, along: DVec3, low: f64, largest_m: f32) -> Self {
-        let safe = |x: f64| if x.abs() < 1e-30 { 1e30_f64.copysign(x) } else { 1.0 / x };
-        let inverse = DVec3::new(safe(along.x), safe(along.y), safe(along.z));
+        let safe = |x: f64| if x.abs() < 1e-20 { 1e20_f64.copysign(x) } else { 1.0 / x };
+        let inverse = along.to_array().map(|x| safe(x) as f32);
         let boxes = BoxRay {
-            from_m: from.as_vec3().to_array(),
-            inverse: inverse.as_vec3().to_array(),
-            padding: padding(inverse, from, largest_m),
-            first_plane: inverse.to_array().map(|x| usize::from(x < 0.0)),
+            inverse,
+            begins: begins(inverse, from, largest_m),
+            first_plane: inverse.map(|x| usize::from(x < 0.0)),
             low: -rounded_up(-low),
         };
-        Self { face: FaceRay { from, along }, boxes, is_wide: largest_m > WIDE_M }
+        Self { face: FaceRay::new(from, along), from, boxes, is_wide: largest_m > WIDE_M }
     }
 
     /// As the boxes of a cluster see it: in a wide model those far off cost the others nothing.
@@ -49,8 +53,7 @@ impl Ray {
         if !self.is_wide {
             return &self.boxes;
         }
-        let inverse = DVec3::from_array(self.boxes.inverse.map(f64::from));
-        room.padding = padding(inverse, self.face.from, nodes[0].largest_m());
+        room.begins = begins(self.boxes.inverse, self.from, nodes[0].largest_m());
         room
     }
 }
@@ -86,6 +89,20 @@ impl Stack {
         self.count += 1;
     }
 
+    /// Puts those from `first` on in order, the nearest last.
+    #[inline(always)]
+    fn sort(&mut self, first: usize) {
+        let few = self.few.len().min(self.count);
+        for i in first + 1..few {
+            let (new, mut place) = (self.few[i], i);
+            while place > first && self.few[place - 1].near < new.near {
+                self.few[place] = self.few[place - 1];
+                place -= 1;
+            }
+            self.few[place] = new;
+        }
+    }
+
     /// The nearest that begins before `limit`, while there are more than `floor`.
     #[inline(always)]
     fn pop(&mut self, floor: usize, limit: f32) -> Option<Waiting> {
@@ -103,45 +120,7 @@ impl Stack {
     }
 }
 
-/// Slots of a node by place in the order that they are visited in, four bits each; indexed by [`Swaps::index`].
-const ORDERS: [u32; 128] = {
-    let mut orders = [0; 128];
-    let mut index = 0;
-    while index < 128 {
-        let mut place = 0;
-        while place < 8 {
-            let half = place >> 2 & 1 ^ index & 1;
-            let pair = half << 1 | (place >> 1 & 1 ^ index >> (1 + half) & 1);
-            let slot = pair << 1 | (place & 1 ^ index >> (3 + pair) & 1);
-            orders[index] |= (slot as u32) << (4 * place);
-            place += 1;
-        }
-        index += 1;
-    }
-    orders
-};
-
-impl Swaps {
-    /// Bits of slots as bits of their places in the order.
-    #[inline(always)]
-    fn places(&self, slots: u32) -> u32 {
-        let swapped = |bits: u32, step: u32, which: u32| {
-            let differ = (bits ^ bits >> step) & which;
-            bits ^ differ ^ differ << step
-        };
-        let pairs = swapped(slots, 1, self.pairs & 0x55);
-        swapped(swapped(pairs, 2, self.fours & 0x11 | (self.fours & 0x11) << 1), 4, 0xf * (self.eight & 1))
-    }
-
-    #[inline(always)]
-    fn index(&self) -> usize {
-        let (pairs, fours) = (self.pairs, self.fours);
-        let pairs = pairs & 1 | pairs >> 1 & 2 | pairs >> 2 & 4 | pairs >> 3 & 8;
-        (self.eight & 1 | (fours & 1) << 1 | (fours >> 4 & 1) << 2 | pairs << 3) as usize
-    }
-}
-
-/// Visits the leaves that a ray enters before `limit`: those of the nearer half of a tree first, where `ORDERED`.
+/// Visits the leaves that a ray enters before `limit`: the nearer child of a node first, where `ORDERED`.
 /// `leaf` is told which items, may lower the limit, and stops the visit by returning true; so does this.
 #[inline(always)]
 fn walk<L: Lanes, const ORDERED: bool>(
@@ -155,22 +134,29 @@ fn walk<L: Lanes, const ORDERED: bool>(
     let floor = stack.count;
     let mut at = 0;
     loop {
-        let (entered, swaps) = lanes.entered(&nodes[at as usize], ray, rounded_up(*limit));
-        let (mut places, order) = match swaps {
-            Some(swaps) if ORDERED => (swaps.places(entered.slots), ORDERS[swaps.index()]),
-            _ => (entered.slots, ORDERS[0]),
+        let entered = lanes.entered(&nodes[at as usize], ray, rounded_up(*limit));
+        let mut slots = entered.slots;
+        let mut take = || {
+            let slot = slots.trailing_zeros() & 7;
+            slots &= slots.wrapping_sub(1);
+            (Waiting { place: at << 3 | slot, near: entered.near[slot as usize] }, slots != 0)
         };
         let mut next = None;
-        while places != 0 {
-            let place = places.ilog2();
-            places ^= 1 << place;
-            let slot = order >> (4 * place) & 7;
-            let child = Waiting { place: at << 3 | slot, near: entered.near[slot as usize] };
-            if places == 0 {
-                next = Some(child);
-            } else {
+        if entered.slots != 0 {
+            let (mut nearest, mut has_more) = take();
+            let first = stack.count;
+            while has_more {
+                let mut child;
+                (child, has_more) = take();
+                if ORDERED && child.near < nearest.near {
+                    std::mem::swap(&mut child, &mut nearest);
+                }
                 stack.push(child);
             }
+            if ORDERED {
+                stack.sort(first);
+            }
+            next = Some(nearest);
         }
         at = loop {
             let Some(Waiting { place, .. }) = next.take().or_else(|| stack.pop(floor, rounded_up(*limit))) else {
@@ -203,16 +189,13 @@ impl<'a> RayScene<'a> {
     ) {
         let (mut stack, mut room) = (Stack::new(), ray.boxes);
         let mut test = |of: &Structure<'a>, faces: &'a [RayPatch], limit: &mut f64| {
-            for faces in faces.chunks(AT_ONCE) {
-                let crossed = lanes.crossed(faces, &ray.face);
-                let mut left = crossed.faces;
-                while left != 0 {
-                    let at = left.trailing_zeros() as usize & 3;
-                    left &= left - 1;
-                    let t = crossed.at[at];
-                    if t >= low && t <= *limit && met(of, &faces[at], t, limit) {
-                        return true;
-                    }
+            for face in faces {
+                if let Some(t) = lanes.crosses(face, &ray.face)
+                    && t >= low
+                    && t <= *limit
+                    && met(of, face, t, limit)
+                {
+                    return true;
                 }
             }
             false
@@ -220,8 +203,8 @@ impl<'a> RayScene<'a> {
         walk::<L, ORDERED>(lanes, self.top.nodes, &ray.boxes, &mut stack, &mut limit, |mut places, stack, limit| {
             places.any(|place| {
                 let Some(of) = self.cluster_at(place) else { return false };
-                if of.faces.len() <= AT_ONCE {
-                    // One look at all of them costs less than one at their boxes.
+                if of.faces.len() == 1 {
+                    // The ray has entered its box.
                     return test(&of, of.faces, limit);
                 }
                 let boxes = ray.within(of.nodes, &mut room);

@@ -1,14 +1,13 @@
-//! Wide nodes and lanes change no bit of an answer.
+//! Hierarchies, their order and lanes change no bit of an answer.
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec3};
 
-use super::reference::{Trees, coincide};
-use super::{Face, Nearest, Open, RayEnd, Segment, patch_normal};
+use super::{Face, GRAZING, Hit, Nearest, Open, PARALLEL, RayEnd, Segment, patch_normal};
 use crate::geom::bounds::Bounds;
 use crate::geom::sequence::mix;
 use crate::model::rays::{ClusterRaysView, ClusterRef, Cuts, RayPatch, TopRaysView, WHOLE};
-use crate::rays::lanes::{Cast, Plain};
+use crate::rays::lanes::{Cast, FaceRay, Lanes, Plain};
 use crate::rays::{Emitters, PatchKey, RayScene, build};
 
 /// Random numbers in order.
@@ -93,10 +92,73 @@ fn bits(nearest: &Nearest) -> Option<(u32, [u64; 4], bool)> {
     }
 }
 
+/// Every face of a scene, with its cluster.
+struct Faces(Vec<(u32, RayPatch)>);
+
+impl Faces {
+    /// All that a ray's line crosses, and where.
+    fn crossed(&self, from: DVec3, along: DVec3) -> impl Iterator<Item = (PatchKey, &RayPatch, f64)> {
+        let ray = FaceRay::new(from, along);
+        self.0.iter().filter_map(move |(cluster, face)| {
+            let key = PatchKey { cluster: *cluster, patch: face.patch };
+            Plain.crosses(face, &ray).map(|t| (key, face, t))
+        })
+    }
+
+    fn blocked(&self, scene: &RayScene<'_>, [from, to]: [DVec3; 2], start: Option<&RayEnd>, end: &RayEnd) -> bool {
+        let along = to - from;
+        if start.is_some_and(|start| coincide(scene, along, start, end)) {
+            return true;
+        }
+        let (before, after) = (start.map_or(0.0, |s| scene.reach(along, s)), scene.reach(along, end));
+        self.crossed(from, along).filter(|(.., t)| *t >= -before && *t <= 1.0 + after).any(|(key, face, t)| {
+            let at_start = start.filter(|_| t <= before);
+            let at_start = at_start.and_then(|start| scene.covers(along, t, start, key, face, true));
+            let at_end = || (t >= 1.0 - after).then(|| scene.covers(along, 1.0 - t, end, key, face, false)).flatten();
+            let is_own = start.is_some_and(|start| key == start.face.key) || key == end.face.key;
+            !is_own && at_start.or_else(at_end).unwrap_or(t > 0.0 && t < 1.0)
+        })
+    }
+
+    fn nearest(&self, scene: &RayScene<'_>, from: DVec3, along: DVec3, start: Option<&RayEnd>) -> Nearest {
+        let before = start.map_or(0.0, |s| scene.reach(along, s));
+        let mut met = Vec::new();
+        for (key, face, t) in self.crossed(from, along).filter(|(.., t)| *t >= -before) {
+            if start.is_some_and(|start| key == start.face.key) {
+                continue;
+            }
+            let at_start = start.filter(|_| t <= before);
+            match at_start.and_then(|start| scene.covers(along, t, start, key, face, true)) {
+                Some(true) => return Nearest::Covered,
+                None if t > 0.0 => {
+                    let normal = patch_normal(face);
+                    let hit = Hit { key, normal, front: normal.dot(along) < 0.0, t };
+                    met.push((hit, scene.rank(&Face { key, front: hit.front, area_m2: face.area_m2 })));
+                }
+                _ => {}
+            }
+        }
+        let nearest =
+            met.iter().min_by(|(a, rank), (b, other)| a.t.total_cmp(&b.t).then(rank.partial_cmp(other).unwrap()));
+        let Some((nearest, _)) = nearest.copied() else { return Nearest::Escaped };
+        let coincide = met.iter().filter(|(hit, _)| {
+            let (after, speed) = (hit.t - nearest.t, hit.normal.dot(along).abs());
+            let is_near = after * speed <= scene.snap_m && after <= scene.snap_m / (GRAZING * along.length());
+            is_near && (hit.normal.dot(nearest.normal).abs() > PARALLEL || hit.key == nearest.key)
+        });
+        Nearest::Met(coincide.min_by(|(_, a), (_, b)| a.partial_cmp(b).unwrap()).unwrap().0)
+    }
+}
+
+/// Whether two patches that a segment joins coincide.
+fn coincide(scene: &RayScene<'_>, along: DVec3, start: &RayEnd, end: &RayEnd) -> bool {
+    along.dot(start.normal).abs() <= scene.snap_m && start.normal.dot(end.normal).abs() > PARALLEL
+}
+
 /// Casts rays in one random scene of so many clusters of up to so many faces; how many met something.
 fn agree(seed: u64, frame: Frame, clusters: usize, most: usize) -> usize {
     let mut random = Random(seed << 32);
-    let (mut all, mut trees, mut refs, mut bytes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut all, mut every, mut refs, mut bytes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut emitters = Emitters::default();
     for cluster in 0..clusters as u32 {
         let mut faces = Vec::new();
@@ -107,8 +169,7 @@ fn agree(seed: u64, frame: Frame, clusters: usize, most: usize) -> usize {
         }
         emitters.add(cluster, (0..2 * faces.len()).filter(|_| random.below(3) == 0));
         let (nodes, patches) = build::cluster(&faces);
-        let (binary, order) = build::binary(faces.iter().map(|f| bounds(std::slice::from_ref(f))), build::FACES_A_LEAF);
-        trees.push((cluster, binary, order.iter().map(|&i| faces[i as usize]).collect()));
+        every.extend(faces.iter().map(|face| (cluster, *face)));
         let cuts = Cuts { faces: &[], nodes: &[], parts: &[] };
         let payload = ClusterRaysView { nodes: &nodes, patches: &patches, cuts }.payload();
         let (min_m, max_m) = bounds(&faces);
@@ -117,17 +178,15 @@ fn agree(seed: u64, frame: Frame, clusters: usize, most: usize) -> usize {
         all.extend(faces);
     }
     let (nodes, places) = build::top(&refs);
-    let (top, order) = build::binary(refs.iter().map(|r| (r.1, r.2)), build::CLUSTERS_A_LEAF);
-    let trees = Trees { top, clusters: order.iter().map(|&i| trees[i as usize].clone()).collect() };
+    let every = Faces(every);
     let mut words = vec![0u128; bytes.len().div_ceil(16)];
     bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..bytes.len()].copy_from_slice(&bytes);
     let view = TopRaysView { nodes: &nodes, clusters: &places };
     let scene = RayScene::new(view, bytemuck::cast_slice(&words), &emitters, 1e-3).unwrap();
 
-    let sides: Vec<(RayEnd, [DVec3; 4])> = (trees.clusters.iter())
-        .flat_map(|(cluster, _, faces)| faces.iter().map(move |face| (*cluster, face)))
+    let sides: Vec<(RayEnd, [DVec3; 4])> = (every.0.iter())
         .map(|(cluster, face)| {
-            let key = PatchKey { cluster, patch: face.patch };
+            let key = PatchKey { cluster: *cluster, patch: face.patch };
             let face_of = Face { key, front: face.patch % 2 == 0, area_m2: face.area_m2 };
             let corners = face.corners_m.map(|c| DVec3::from_array(c.map(f64::from)));
             (RayEnd { normal: patch_normal(face), face: face_of }, corners)
@@ -147,13 +206,13 @@ fn agree(seed: u64, frame: Frame, clusters: usize, most: usize) -> usize {
             _ => to - from,
         };
         let start_or_none = if random.below(4) == 0 { None } else { Some(start) };
-        let expected = trees.nearest(&scene, from, direct, start_or_none);
+        let expected = every.nearest(&scene, from, direct, start_or_none);
         let plain = Open { scene: &scene, from, along: direct, start: start_or_none }.cast(Plain);
         for found in [scene.nearest(from, direct, start_or_none), plain] {
             assert_eq!(bits(&found), bits(&expected), "seed {seed}: {found:?}, {expected:?}");
         }
         met += usize::from(matches!(expected, Nearest::Met(_)));
-        let expected = trees.blocked(&scene, [from, to], start_or_none, end);
+        let expected = every.blocked(&scene, [from, to], start_or_none, end);
         assert_eq!(scene.blocked(from, to, start_or_none, end), expected, "seed {seed}");
         // What coincides is no matter of traversal.
         if !start_or_none.is_some_and(|start| coincide(&scene, to - from, start, end)) {
@@ -165,7 +224,7 @@ fn agree(seed: u64, frame: Frame, clusters: usize, most: usize) -> usize {
 }
 
 #[test]
-fn rays_meet_the_same_to_the_bit_as_one_box_and_face_at_a_time() {
+fn rays_meet_the_same_to_the_bit_as_where_every_face_is_looked_at() {
     let turned = DMat3::from_rotation_z(0.31) * DMat3::from_rotation_x(0.47);
     let room = Frame { turn: DMat3::IDENTITY, size: DVec3::new(5.0, 4.0, 3.0), at: DVec3::ZERO };
     let frames = [room, Frame { turn: turned, ..room }, Frame { at: DVec3::new(3e4, -2e5, 50.0), ..room }];
