@@ -376,9 +376,7 @@ impl GroupSolver<'_, '_> {
             *error = sum;
         }
         let rays_of_place = 2.0 * (numbers::CHECK_RAYS[0] + numbers::CHECK_RAYS[1]) as f64;
-        let is_marked = self.settings.threshold < f64::INFINITY;
-        let share = if is_marked { numbers::CHECKED_WHILE_MARKED } else { numbers::CHECKED };
-        let count = (share * report.error.rays / rays_of_place).max(numbers::LEAST_CHECKED) as u64;
+        let count = (numbers::CHECKED * report.error.rays / rays_of_place).max(numbers::LEAST_CHECKED) as u64;
         let seed =
             mix(self.settings.seed ^ mix(self.settings.iteration ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
         let exitance = |lamp: NodeName| exitance(self.set, lamp);

@@ -292,7 +292,7 @@ pub enum Unmet {
 #[must_use]
 pub fn unmet(figures: &VersionFigures) -> Option<Unmet> {
     let has_ended =
-        figures.steering.phase == Phase::Close && figures.predicted_error <= figures.tolerance / numbers::STOP;
+        figures.steering.phase == Phase::Close && figures.predicted_error <= numbers::STILL * figures.tolerance;
     if !has_ended || figures.converged {
         None
     } else if figures.iteration.energy_balance > numbers::BALANCED {
@@ -342,7 +342,7 @@ fn figures(
     let converged = complete
         && steering.phase == Phase::Close
         && (!has_stalled || is_within(&steering, tolerance))
-        && predicted_error <= tolerance / numbers::STOP
+        && predicted_error <= numbers::STILL * tolerance
         && iteration.energy_balance <= numbers::BALANCED;
     Ok(VersionFigures { converged, tolerance, residual, contraction, predicted_error, iteration, steering })
 }

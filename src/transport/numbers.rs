@@ -33,9 +33,6 @@ pub const MOST_BUDGET: f64 = 0.5;
 /// Share of what the whole model emits from which on a side that emits is measured as finely as can be, and in quarters.
 pub const BRIGHT: f64 = 0.125;
 
-/// How far beyond an edge its neighbour is looked for, in distances of the edge from the centroid.
-pub const BEYOND: f64 = 0.25;
-
 // What rows know of their error.
 
 /// Noise of a mean, relative to what the halves differ by at a place over the number of places: half of that were rays random,
@@ -80,11 +77,8 @@ pub const CHECKED_ANYHOW: f64 = 1e-4;
 /// much when it is found.
 pub const CHECKED_ANYWHERE: f64 = 0.2;
 
-/// Share of the rays in rows that places measured anew may cost while rows are marked.
-pub const CHECKED_WHILE_MARKED: f64 = 0.05;
-
-/// The same while rows stay and iterations add up.
-pub const CHECKED: f64 = 0.0125;
+/// Share of the rays in rows that places measured anew may cost.
+pub const CHECKED: f64 = 0.03;
 
 /// Places measured anew in a group, at least.
 pub const LEAST_CHECKED: f64 = 64.0;
@@ -108,19 +102,12 @@ pub const MOST_GO_ON: f64 = 0.99;
 
 // What an iteration does.
 
-/// A branch has converged when what is left is below this part of the tolerance: where reflectance is high the rest is a
-/// bias of everything alike.
-pub const STOP: f64 = 15.0;
-
 /// Energy balance up to which light adds up.
 pub const ADDS_UP: f64 = 0.001;
 
-/// What light is still to change, or its imbalance has drifted in an iteration, in tolerances' parts, where one sees what
-/// light misses: rows that are made better meanwhile change little of it.
-pub const STILL: f64 = 8.0;
-
-/// Share of what leaves that rows may miss, in tolerances.
-pub const MOST_MISSED: f64 = 0.5;
+/// Share of the tolerance below which what light is still to change, or its imbalance has drifted in an iteration, is
+/// nothing: where reflectance is high it is a bias of everything alike.
+pub const STILL: f64 = 0.1;
 
 /// Four times the links along hard edges of shadows leave 0.7 of the estimate; one that stays above this share has not
 /// fallen, however few places tell.
@@ -132,23 +119,17 @@ pub const LEAST_PATIENCE: usize = 3;
 /// The same where each does little.
 pub const MOST_PATIENCE: usize = 16;
 
-/// Share of places that counts in the next iteration, after rows were marked.
-pub const KEPT_WHEN_MARKED: f64 = 0.5;
-
-/// The same while rows stay.
-pub const KEPT: f64 = 0.9;
+/// Share of places that counts in the next iteration: light has changed.
+pub const KEPT: f64 = 0.8;
 
 /// Share of the tolerance up to which what few rows have wrong together, and no place tells, may go round.
 pub const TOGETHER: f64 = 0.25;
 
-/// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
+/// Energy balance beyond which light that no longer changes is wrong, not rough: twice what is promised.
 pub const BALANCED: f64 = 0.01;
 
 /// What is left to change within a group, relative to what the last iteration changed.
 pub const OF_OTHERS: f64 = 0.1;
-
-/// Share of the tolerance that what light still changes is measured by where the estimated error is less.
-pub const LEAST_OF_TOLERANCE: f64 = 0.5;
 
 /// Below this a correction is luck.
 pub const LEAST_CORRECTION: f64 = 0.5;
@@ -156,7 +137,8 @@ pub const LEAST_CORRECTION: f64 = 0.5;
 /// Least excess that a marking aims at, in squared tolerances: what iterations cost is not worth less.
 pub const LEAST_EXCESS: f64 = 0.15;
 
-/// Share of the estimated error below which what light still changes no longer hides what promises most.
+/// Share of the estimated error, or of the tolerance, below which what light still changes no longer hides what promises
+/// most.
 pub const SETTLED: f64 = 0.5;
 
 // The norm of the error.

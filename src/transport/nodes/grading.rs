@@ -10,7 +10,6 @@ use crate::base::NodeName;
 use crate::geom::quadtree;
 use crate::model::geometry::{NONE, PatchRecord};
 use crate::transport::light::lit::LitCluster;
-use crate::transport::numbers;
 use crate::transport::row::Part;
 
 /// Rows whose neighbours of the same part and patch lie more than one level below them. `lit`: the light of `mesh`.
@@ -57,7 +56,7 @@ fn beyond_edges(corners: &[Plane], centroid: Plane) -> impl Iterator<Item = Plan
         let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
         [0, 1].map(|k| {
             let middle = 0.5 * (a[k] + b[k]);
-            middle + numbers::BEYOND * (middle - centroid[k])
+            middle + 0.5 * (middle - centroid[k])
         })
     })
 }
