@@ -6,7 +6,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use clerestory::base::Quiet;
-use clerestory::base::memory::MemoryBudget;
 use clerestory::geom::polygon::Polygon;
 use clerestory::model::audit::{Audit, AuditFigures};
 use clerestory::stages::audit;
@@ -48,7 +47,7 @@ fn number(document: &Value, key: &str) -> f64 {
 /// What an audit of a store finds: error, standard error, bias and its standard error.
 fn audited(store: &Path, seed: u64, places: u64) -> [f64; 4] {
     let store = Store::open(store, Duration::from_secs(5)).unwrap();
-    let options = audit::Options { places, seed, version: None, threads: 2, memory: MemoryBudget::DEFAULT };
+    let options = audit::Options { places, seed, version: None, threads: 2, memory: support::MEMORY };
     let figures = audit::execute(&audit::plan(&store, &options).unwrap(), &Quiet).unwrap().figures;
     [figures.audited_nrms, figures.audited_se, figures.audited_bias, figures.bias_se].map(Option::unwrap)
 }

@@ -5,7 +5,6 @@ mod support;
 
 use std::time::Duration;
 
-use clerestory::base::memory::MemoryBudget;
 use clerestory::base::{ClusterId, Quiet};
 use clerestory::model::ExtentKind;
 use clerestory::model::light::LightView;
@@ -33,7 +32,7 @@ fn solve_options(order: UpdateOrder) -> solve_group::Options {
         settings: solve_group::SolveSettings { options, order },
         link_cache_bytes: 32 << 20,
         schedule: clerestory::partition::schedule::Policy::FfdWs { delta: 16 },
-        memory: MemoryBudget::DEFAULT,
+        memory: support::MEMORY,
     }
 }
 
@@ -43,9 +42,9 @@ fn a_store_that_was_solved_is_sound_and_stays_so_after_gc() {
     let options = ingest_options(dir.path());
     ingest::execute(ingest::plan(&options).unwrap(), &Quiet).unwrap();
     let store = Store::open(&options.store, options.wait).unwrap();
-    let looking = visibility::Options { missing: 0.01, seed: 1, workers: 1, memory: MemoryBudget::DEFAULT };
+    let looking = visibility::Options { missing: 0.01, seed: 1, workers: 1, memory: support::MEMORY };
     visibility::execute(&visibility::plan(&store, &looking).unwrap(), &Quiet).unwrap();
-    let grouping = partition::Options { method: None, groups: Some(2), memory: MemoryBudget::DEFAULT };
+    let grouping = partition::Options { method: None, groups: Some(2), memory: support::MEMORY };
     partition::execute(&partition::plan(&store, &grouping).unwrap(), &Quiet).unwrap();
     let solving = solve_options(UpdateOrder::Jacobi);
     let mut last = merge::Summary::default();

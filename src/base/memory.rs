@@ -10,9 +10,6 @@ pub struct MemoryBudget {
 }
 
 impl MemoryBudget {
-    /// The default of `--memory`: 512 MiB.
-    pub const DEFAULT: Self = Self { limit_bytes: 512 << 20 };
-
     /// Part of the cap, e.g. for one cache.
     #[must_use]
     pub fn share(self, percent: u64) -> u64 {

@@ -142,15 +142,6 @@ impl NodeName {
         debug_assert!(quarter < 4 && self.depth() < MAX_DEPTH);
         Self((self.0 & !((1 << PATH_BITS) - 1)) | u64::from(self.path() << 2 | quarter))
     }
-
-    /// Whether `self` is `other` or an element above it on the same patch side.
-    #[must_use]
-    pub fn contains(self, other: Self) -> bool {
-        let above = other.depth().checked_sub(self.depth());
-        above.is_some_and(|levels| {
-            self.0 >> PATH_BITS == other.0 >> PATH_BITS && other.path() >> (2 * levels) == self.path()
-        })
-    }
 }
 
 impl fmt::Debug for NodeName {
@@ -184,8 +175,6 @@ mod tests {
         }
         assert_eq!(deep.depth(), MAX_DEPTH);
         assert_eq!(deep.patch_side(), at);
-        assert!(root.contains(deep) && !deep.contains(root));
-        assert!(!root.child(1).contains(deep), "the path goes through quarter 0");
         assert_eq!(deep.parent().map(|p| p.depth()), Some(MAX_DEPTH - 1));
         assert_eq!(root.parent(), None);
     }

@@ -4,8 +4,6 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use clap::{ArgMatches, FromArgMatches};
-
 use super::args::{
     AuditArgs, Cli, Common, Emit, ExportArgs, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order,
     PartitionArgs, Quality, RenderArgs, RunArgs, SampleArgs, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs,
@@ -49,11 +47,6 @@ impl From<Report> for Done {
     fn from(report: Report) -> Self {
         Self::Report(Box::new(report))
     }
-}
-
-/// Parses clap's matches; what is wrong with them is a usage error by then.
-pub fn parse(matches: &ArgMatches) -> std::result::Result<Cli, clap::Error> {
-    Cli::from_arg_matches(matches)
 }
 
 /// Does what was asked.

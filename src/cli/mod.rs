@@ -18,6 +18,8 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use clap::FromArgMatches;
+
 use self::args::Cli;
 use self::dispatch::{Context, Done};
 use self::drawing::Drawing;
@@ -44,7 +46,7 @@ fn work(line: &[OsString]) -> Result<()> {
         Ok(resolved) => resolved?,
         Err(error) => return help_or_usage(&error, line),
     };
-    let cli: Cli = match dispatch::parse(&resolved.matches) {
+    let cli = match Cli::from_arg_matches(&resolved.matches) {
         Ok(cli) => cli,
         Err(error) => return help_or_usage(&error, line),
     };

@@ -1,4 +1,4 @@
-//! Pages made from the flags: help, manual, completions, the reference; and the table of exit codes.
+//! Pages made from the flags: help, manual, completions; and the table of exit codes.
 
 use std::fmt::Write as _;
 
@@ -24,7 +24,7 @@ Exit codes:
 ";
 
 /// Verbs by what they are for, as help shows them.
-const GROUPS: [(&str, &[&str]); 4] = [
+pub const GROUPS: [(&str, &[&str]); 4] = [
     ("Solve", &["run", "ingest", "visibility", "partition", "solve-group", "merge"]),
     ("Look after the store", &["status", "check", "gc"]),
     ("Use the solution", &["sample", "audit", "render", "export"]),
@@ -48,32 +48,6 @@ pub fn grouped(command: Command) -> Command {
         "Values come from: flag > environment (CLERESTORY_LINK_CACHE=32M) > clerestory.toml in the current\n\
          folder > what the store remembers > default. `clerestory help exit-codes` lists the exit codes.",
     )
-}
-
-/// The command line reference, as Markdown: every verb's long help.
-#[must_use]
-pub fn reference(command: &Command) -> String {
-    let mut out = String::from(
-        "# Command line reference\n\nMade from the flags; `tests/cli_reference.rs` compares it and tells how to renew it.\n",
-    );
-    let mut whole = grouped(command.clone()).term_width(100);
-    whole.build();
-    let _ = writeln!(out, "\n```text\n{}\n```", whole.render_help().to_string().trim_end());
-    for name in GROUPS.iter().flat_map(|g| g.1) {
-        if let Some(verb) = whole.find_subcommand_mut(name) {
-            let _ = writeln!(out, "\n## {name}\n\n```text\n{}\n```", verb.render_help().to_string().trim_end());
-        }
-    }
-    let _ = writeln!(out, "\n## Exit codes\n\n```text\n{EXIT_CODES}```");
-    trimmed(&out)
-}
-
-fn trimmed(text: &str) -> String {
-    let mut out: String = text.lines().map(|l| format!("{}\n", l.trim_end())).collect();
-    while out.ends_with("\n\n") {
-        out.pop();
-    }
-    out
 }
 
 /// The completions of a shell.

@@ -73,12 +73,6 @@ impl<R: Read> ObjReader<R> {
         Self { lines, corners: Vec::new(), counts: [0; 3] }
     }
 
-    /// How many `v` records there were so far.
-    #[must_use]
-    pub fn vertices(&self) -> u64 {
-        self.counts[0]
-    }
-
     /// The next record and its (first) line, from 1; `None` at the end. Fails on unreadable files and
     /// on broken numbers.
     pub fn next_record(&mut self) -> Result<Option<(u64, Record<'_>)>> {

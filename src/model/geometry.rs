@@ -4,7 +4,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::Arrays;
-use crate::base::{NodeName, PatchSide};
+use crate::base::PatchSide;
 
 /// "No such tree node".
 pub const NONE: u32 = u32::MAX;
@@ -198,12 +198,4 @@ pub fn sector_of(normal: [f64; 3]) -> u8 {
         }
     }
     (axis as u8) * 2 + u8::from(normal[axis] < 0.0)
-}
-
-impl SectorHead {
-    /// Its name, typed.
-    #[must_use]
-    pub fn node(&self) -> NodeName {
-        NodeName(self.name)
-    }
 }

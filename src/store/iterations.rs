@@ -35,8 +35,6 @@ pub struct Iteration {
     pub branch: u64,
     /// Its number since emission only, from 1; the last one's if converged.
     pub number: u64,
-    /// Newest version of the branch, or the version that it starts from.
-    pub newest: u64,
     /// Whether the branch has converged: then there are no tasks.
     pub converged: bool,
 }
@@ -60,7 +58,7 @@ impl Store {
             drop_updates_of_others(tx, branch)?;
             let newest = newest_of(tx, branch)?;
             if newest.converged && newest.branch == branch {
-                return Ok(Iteration { branch, number: newest.iteration, newest: newest.id, converged: true });
+                return Ok(Iteration { branch, number: newest.iteration, converged: true });
             }
             let under_way: Option<u64> = tx.query_row(
                 "SELECT max(iteration) FROM tasks WHERE branch = ?1 AND state <> 'merged'",
@@ -71,7 +69,7 @@ impl Store {
                 Some(number) => number,
                 None => self.open_tasks(tx, branch, &newest, &partition, settings)?,
             };
-            Ok(Iteration { branch, number, newest: newest.id, converged: false })
+            Ok(Iteration { branch, number, converged: false })
         })
     }
 

@@ -82,8 +82,6 @@ impl TaskCounts {
 pub struct BranchRow {
     /// Its number.
     pub id: u64,
-    /// The version that it starts from; none for branch 0.
-    pub base_version: Option<u64>,
     /// Of the options that shape it; none before the first solve.
     pub options_hash: Option<String>,
     /// The error people dial.
@@ -141,12 +139,10 @@ impl Store {
 
     /// A branch's settings.
     pub fn branch(&self, id: u64) -> Result<Option<BranchRow>> {
-        let mut query = self
-            .connection()
-            .prepare_cached("SELECT id, base_version, options_hash, tolerance FROM branches WHERE id = ?1")?;
-        let row = query.query_row([id], |r| {
-            Ok(BranchRow { id: r.get(0)?, base_version: r.get(1)?, options_hash: r.get(2)?, tolerance: r.get(3)? })
-        });
+        let mut query =
+            self.connection().prepare_cached("SELECT id, options_hash, tolerance FROM branches WHERE id = ?1")?;
+        let row =
+            query.query_row([id], |r| Ok(BranchRow { id: r.get(0)?, options_hash: r.get(1)?, tolerance: r.get(2)? }));
         Ok(row.optional()?)
     }
 

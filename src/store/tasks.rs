@@ -23,16 +23,10 @@ pub const OFFERED: u32 = 256;
 pub struct Lease {
     pub(super) task: i64,
     pub(super) attempt: u32,
-    /// The branch.
-    pub branch: u64,
-    /// The iteration.
-    pub iteration: u64,
     /// The group to solve.
     pub group: u32,
     /// The version to read.
     pub base_version: u64,
-    /// How updates become versions.
-    pub order: UpdateOrder,
 }
 
 /// A group that is free, for a schedule.
@@ -290,13 +284,5 @@ fn grant(tx: &Transaction<'_>, iteration: &Iteration, worker: &Worker<'_>, group
             base_version = ?6, claimed_at = unixepoch('subsec') WHERE id = ?1",
         params![task, attempt + 1, worker.id(), std::process::id(), worker.segment.id(), base_version],
     )?;
-    Ok(Some(Lease {
-        task,
-        attempt: attempt + 1,
-        branch: iteration.branch,
-        iteration: iteration.number,
-        group,
-        base_version,
-        order,
-    }))
+    Ok(Some(Lease { task, attempt: attempt + 1, group, base_version }))
 }

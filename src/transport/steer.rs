@@ -52,8 +52,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let doubt = if was_enough || before.phase == Phase::Close { estimated_nrms_error } else { 0.0 };
     let excess = (estimated_nrms - doubt).max(0.0).powi(2) - tolerance * tolerance;
     // What changes while rows are made better is their doing: no sweep has to come between markings.
-    let is_settled = before.phase == Phase::Mark
-        || settling.residual <= numbers::SETTLED * estimated_nrms.max(tolerance);
+    let is_settled =
+        before.phase == Phase::Mark || settling.residual <= numbers::SETTLED * estimated_nrms.max(tolerance);
     let is_known = correction != 0.0 || error.norm == 0.0;
     let gain = gain(before.gain, settling, asked);
     let is_done = excess <= 0.0 || settling.has_stalled;

@@ -10,6 +10,9 @@ use clerestory::base::Progress;
 use clerestory::base::memory::MemoryBudget;
 use clerestory::stages::ingest;
 
+/// `--memory` at its default.
+pub const MEMORY: MemoryBudget = MemoryBudget { limit_bytes: 512 << 20 };
+
 /// Collects warnings.
 #[derive(Default)]
 pub struct Heard(pub Mutex<Vec<String>>);
@@ -46,7 +49,7 @@ pub fn options(store: &Path, model: &Path) -> ingest::Options {
         contact_m: 0.01,
         least_contact_m: 0.05,
         snap_m: None,
-        memory: MemoryBudget::DEFAULT,
+        memory: MEMORY,
         fresh: false,
         wait: Duration::from_secs(1),
     }

@@ -28,7 +28,7 @@ pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) 
     // Rays to lamps were drawn by what these sent then.
     mesh.rows.retain(|row| row.part == Part::Indirect);
     for row in &mut mesh.rows {
-        row.set(&Fit::default());
+        row.fit = Fit::default();
     }
     Ok(encode(&mesh))
 }

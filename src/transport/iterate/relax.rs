@@ -94,7 +94,7 @@ pub fn relax(
             }
             let member = &mut members[index];
             for (row, fit) in fits {
-                member.mesh.rows[row].set(&fit);
+                member.mesh.rows[row].fit = fit;
             }
             let before: Vec<_> = member.mesh.elements.iter().map(|e| e.line.mean).collect();
             member.mesh.push_pull(&member.above);
@@ -135,7 +135,7 @@ fn fit_external(
                 let name = member.mesh.elements[of.element as usize].name;
                 let halves = scaled(&member.external[row], gain);
                 let fit = Measured::of(view, sides, name, of.part, seed).fit(of.rounds, &halves);
-                member.mesh.rows[row].set(&fit);
+                member.mesh.rows[row].fit = fit;
             }
         }
     })

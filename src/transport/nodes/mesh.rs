@@ -58,13 +58,6 @@ pub struct MeshRow {
     pub fit: Fit,
 }
 
-impl MeshRow {
-    /// Takes over what was fitted.
-    pub fn set(&mut self, fit: &Fit) {
-        self.fit = *fit;
-    }
-}
-
 /// All elements of a cluster.
 #[derive(Clone, Debug)]
 pub struct Mesh {
