@@ -1,27 +1,19 @@
 //! Files that verbs write: whole or not at all, never over an existing one without `--force`.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Result};
 
-enum Target {
-    Stdout(io::Stdout),
-    /// A device or a pipe: written as it is, since nothing can take its place.
-    Stream(File),
-    File {
-        file: BufWriter<File>,
-        part: PathBuf,
-        path: PathBuf,
-    },
-}
-
 /// A file on its way; gone again unless finished.
 pub struct Output {
-    target: Target,
-    finished: bool,
+    out: Box<dyn Write>,
+    /// What messages call it.
+    name: PathBuf,
+    /// Where it is written, and the name that it takes when finished; of stdout, a device or a pipe nothing.
+    part: Option<(PathBuf, PathBuf)>,
 }
 
 /// Looks before any work is done whether the file may be made: nothing is overwritten unasked, and
@@ -83,11 +75,12 @@ impl Output {
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         check(path, force)?;
         if path.as_os_str() == "-" {
-            return Ok(Self { target: Target::Stdout(io::stdout()), finished: true });
+            return Ok(Self { out: Box::new(io::stdout()), name: "stdout".into(), part: None });
         }
         if is_stream(path) {
+            // Written as it is, since nothing can take its place.
             let stream = File::options().write(true).open(path).map_err(|e| Error::io(path, &e))?;
-            return Ok(Self { target: Target::Stream(stream), finished: true });
+            return Ok(Self { out: Box::new(stream), name: "the output".into(), part: None });
         }
         let real = path.canonicalize();
         let path = real.as_deref().unwrap_or(path);
@@ -95,66 +88,34 @@ impl Output {
         name.push(format!(".part-{}", std::process::id()));
         let part = path.with_file_name(name);
         let file = File::create(&part).map_err(|e| Error::io(path, &e))?;
-        let target = Target::File { file: BufWriter::with_capacity(256 << 10, file), part, path: path.to_path_buf() };
-        Ok(Self { target, finished: false })
+        let out = Box::new(BufWriter::with_capacity(256 << 10, file));
+        Ok(Self { out, name: part.clone(), part: Some((part, path.to_path_buf())) })
     }
 
     /// Gives the file its name.
     pub fn finish(mut self) -> Result<()> {
-        match &mut self.target {
-            Target::Stdout(stdout) => stdout.flush().map_err(|e| Error::io(Path::new("stdout"), &e)),
-            Target::Stream(stream) => stream.flush().map_err(|e| Error::io(Path::new("the output"), &e)),
-            Target::File { file, part, path } => {
-                file.flush().map_err(|e| Error::io(part, &e))?;
-                std::fs::rename(&part, &path).map_err(|e| Error::io(path, &e))?;
-                self.finished = true;
-                Ok(())
-            }
+        self.out.flush().map_err(|e| Error::io(&self.name, &e))?;
+        if let Some((part, path)) = &self.part {
+            std::fs::rename(part, path).map_err(|e| Error::io(path, &e))?;
+            self.part = None;
         }
-    }
-
-    /// An I/O failure on this file.
-    #[must_use]
-    pub fn error(&self, source: &io::Error) -> Error {
-        match &self.target {
-            Target::Stdout(_) => Error::io(Path::new("stdout"), source),
-            Target::Stream(_) => Error::io(Path::new("the output"), source),
-            Target::File { path, .. } => Error::io(path, source),
-        }
+        Ok(())
     }
 }
 
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match &mut self.target {
-            Target::Stdout(stdout) => stdout.write(bytes),
-            Target::Stream(stream) => stream.write(bytes),
-            Target::File { file, .. } => file.write(bytes),
-        }
+        self.out.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match &mut self.target {
-            Target::Stdout(stdout) => stdout.flush(),
-            Target::Stream(stream) => stream.flush(),
-            Target::File { file, .. } => file.flush(),
-        }
-    }
-}
-
-impl Seek for Output {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        match &mut self.target {
-            Target::Stdout(_) => Err(io::Error::other("stdout can't go back")),
-            Target::Stream(stream) => stream.seek(to),
-            Target::File { file, .. } => file.seek(to),
-        }
+        self.out.flush()
     }
 }
 
 impl Drop for Output {
     fn drop(&mut self) {
-        if let (false, Target::File { part, .. }) = (self.finished, &self.target) {
+        if let Some((part, _)) = &self.part {
             // The error that led here is what matters.
             let _ = std::fs::remove_file(part);
         }
