@@ -1,7 +1,5 @@
 //! Which patch side a point lies on, and where it lies if it is none's.
 
-use std::cell::RefCell;
-
 use glam::DVec3;
 
 use super::node::Node;
@@ -115,44 +113,40 @@ impl RayScene<'_> {
     /// of several the nearest; of coincident ones the one that is seen.
     #[must_use]
     pub fn locate(&self, point: DVec3, normal: DVec3, snap_m: f64) -> Option<Place> {
-        let best: RefCell<Option<(f64, Rank, Place)>> = RefCell::new(None);
+        let mut best: Option<(f64, Rank, Place)> = None;
         let bounds = Bounds { min: point - snap_m, max: point + snap_m };
-        self.any_in_box_of(&bounds, |of, patch| {
+        self.each_in_box_of(&bounds, &mut |of, patch| {
             let front = patch_normal(patch);
             let cosine = front.dot(normal);
             let (outside, off) = distances(patch, front, point);
             if cosine.abs() < LEAST_COSINE || outside > snap_m || off > snap_m {
-                return false;
+                return;
             }
             let place = Place { key: self.patch_at(of, patch, point), side: u8::from(cosine < 0.0) };
             let rank = self.rank(&Face { key: of.key(patch), front: place.side == 0, area_m2: patch.area_m2 });
             // Faces within the snap length of a point coincide there: their heights do not count. Outlines do, in steps
             // of a quarter, since those of neighbours differ by rounding alone.
             let distance = (outside / (0.25 * snap_m)).floor();
-            let mut best = best.borrow_mut();
             if best.is_none_or(|(d, r, _)| distance < d || (distance == d && rank < r)) {
-                *best = Some((distance, rank, place));
+                best = Some((distance, rank, place));
             }
-            false
         });
-        best.into_inner().map(|(_, _, place)| place)
+        best.map(|(_, _, place)| place)
     }
 
     /// A point that faces along none of the faces within the snap length of it (a grid that ends in a wall), moved to
     /// their fronts: which of its rays meet them is no matter of rounding.
     #[must_use]
     pub fn off_surfaces(&self, point: DVec3) -> DVec3 {
-        let near: RefCell<Vec<(PatchKey, DVec3, DVec3)>> = RefCell::default();
+        let mut near: Vec<(PatchKey, DVec3, DVec3)> = Vec::new();
         let bounds = Bounds { min: point - self.snap_m, max: point + self.snap_m };
-        self.any_in_box_of(&bounds, |of, patch| {
+        self.each_in_box_of(&bounds, &mut |of, patch| {
             let front = patch_normal(patch);
             let (outside, off) = distances(patch, front, point);
             if outside <= self.snap_m && off <= self.snap_m {
-                near.borrow_mut().push((of.key(patch), front, corners_of(patch)[0]));
+                near.push((of.key(patch), front, corners_of(patch)[0]));
             }
-            false
         });
-        let mut near = near.into_inner();
         near.sort_by_key(|(key, ..)| *key);
         let (mut moved, mut fronts) = (point, Vec::<DVec3>::new());
         for (_, front, corner) in near {
@@ -172,17 +166,16 @@ impl RayScene<'_> {
         let corners = node.shape.corners();
         let around = corners.iter().fold(Bounds::EMPTY, |bounds, c| bounds.with(*c));
         let bounds = Bounds { min: around.min - self.snap_m, max: around.max + self.snap_m };
-        let covering: RefCell<Vec<Cover>> = RefCell::default();
-        self.any_in_box_of(&bounds, |of, patch| {
+        let mut faces = Vec::new();
+        self.each_in_box_of(&bounds, &mut |of, patch| {
             let (key, normal) = (of.key(patch), patch_normal(patch));
             let face = Face { key, front: normal.dot(node.normal) > 0.0, area_m2: patch.area_m2 };
             let coincides = normal.dot(node.normal).abs() > PARALLEL
                 && corners.iter().all(|c| distances(patch, normal, *c).1 <= self.snap_m);
             if coincides && key != node.end.face.key && self.covers_face(&face, &node.end.face) {
-                covering.borrow_mut().push(Cover::of(patch));
+                faces.push(Cover::of(patch));
             }
-            false
         });
-        Covering { faces: covering.into_inner(), off_m: self.snap_m }
+        Covering { faces, off_m: self.snap_m }
     }
 }

@@ -132,14 +132,13 @@ impl RayScene<'_> {
         cast(Segment { scene: self, from, along: to - from, start, end })
     }
 
-    /// Whether `test` holds for any face whose leaf's box meets `bounds`.
-    pub(super) fn any_in_box_of(&self, bounds: &Bounds, test: impl Fn(&Structure<'_>, &RayPatch) -> bool) -> bool {
-        any_leaf(self.top.nodes, bounds, |mut places| {
-            places.any(|place| {
-                let Some(of) = self.cluster_at(place) else { return false };
-                any_leaf(of.nodes, bounds, |faces| of.faces[faces].iter().any(|face| test(&of, face)))
-            })
-        })
+    /// Calls `visit` with every face whose leaf's box meets `bounds`.
+    pub(super) fn each_in_box_of(&self, bounds: &Bounds, visit: &mut dyn FnMut(&Structure<'_>, &RayPatch)) {
+        each_leaf(self.top.nodes, bounds, &mut |places| {
+            for of in places.filter_map(|place| self.cluster_at(place)) {
+                each_leaf(of.nodes, bounds, &mut |faces| of.faces[faces].iter().for_each(|face| visit(&of, face)));
+            }
+        });
     }
 
     /// What a ray from a patch (if any) meets first; of coincident faces the one that fronts it.
@@ -150,8 +149,8 @@ impl RayScene<'_> {
     }
 }
 
-/// Whether `test` holds for the items of any leaf whose box meets `bounds`.
-fn any_leaf(nodes: &[RayNode], bounds: &Bounds, test: impl Fn(std::ops::Range<usize>) -> bool) -> bool {
+/// Calls `visit` with the items of every leaf whose box meets `bounds`.
+fn each_leaf(nodes: &[RayNode], bounds: &Bounds, visit: &mut dyn FnMut(std::ops::Range<usize>)) {
     let mut waiting = vec![0];
     while let Some(at) = waiting.pop() {
         let node: &RayNode = &nodes[at as usize];
@@ -163,12 +162,11 @@ fn any_leaf(nodes: &[RayNode], bounds: &Bounds, test: impl Fn(std::ops::Range<us
             let first = node.first[slot];
             if node.items[slot] == 0 {
                 waiting.push(first);
-            } else if test(first as usize..(first + node.items[slot]) as usize) {
-                return true;
+            } else {
+                visit(first as usize..(first + node.items[slot]) as usize);
             }
         }
     }
-    false
 }
 
 /// Where a ray ends.
