@@ -51,7 +51,7 @@ fn a_store_that_was_solved_is_sound_and_stays_so_after_gc() {
     for _ in 0..40 {
         let plan = solve_group::plan(&store, &solving).unwrap();
         solve_group::execute(&plan, &solve_group::Resources::default, &Quiet).unwrap();
-        last = merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+        last = merge::execute(&store, merge::plan(&store).unwrap(), &Quiet).unwrap();
         if last.converged {
             break;
         }
@@ -60,12 +60,12 @@ fn a_store_that_was_solved_is_sound_and_stays_so_after_gc() {
     let balance = last.figures.unwrap().energy_balance;
     assert!(balance < 0.01, "sealed rooms keep their light: {balance}");
     let sound = || {
-        let summary = check::execute(&store, &check::Options::default(), &Quiet).unwrap();
+        let summary = check::execute(&store, &Quiet).unwrap();
         assert_eq!(summary.damages, []);
         summary.bytes_verified
     };
     let before = sound();
-    let removed = gc::execute(&store, &gc::plan(&store, &gc::Options { keep: 1 }).unwrap(), &Quiet).unwrap();
+    let removed = gc::execute(&store, 1, &Quiet).unwrap();
     assert!(removed.versions_removed > 0);
     assert!(sound() < before);
     let newest = Snapshot::newest(&store).unwrap();

@@ -253,14 +253,14 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
     let _process = entry::enter(&store, "solve-group", None)?;
     let summary = solve_group::execute(&plan, &resources, context.progress)?;
     remember(context, "solve-group", &args.store, common.wait)?;
-    let next = status::read(&store, &status::Options::default())?.next;
+    let next = status::read(&store)?.next;
     let lines = summaries::solve_group(&summary);
     Ok(Report::of("solve-group", args.store, &WithNext { summary, next, lines }))
 }
 
 fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     let store = entry::open(&args.store, common.wait)?;
-    let plan = merge::plan(&store, &merge::Options::default())?;
+    let plan = merge::plan(&store)?;
     if args.dry_run {
         return Ok(Report::plan("merge", args.store, "publish the updates that wait"));
     }
@@ -271,7 +271,7 @@ fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<R
 
 fn do_status(args: StatusArgs, common: &Common) -> Result<Report> {
     let store = entry::open(&args.store, common.wait)?;
-    let summary = status::read(&store, &status::Options::default())?;
+    let summary = status::read(&store)?;
     let mut report = Report::of("status", args.store.clone(), &summary);
     if args.settings {
         let settings = super::settings::of_stages(&args.store)?;
@@ -285,7 +285,7 @@ fn do_status(args: StatusArgs, common: &Common) -> Result<Report> {
 
 fn do_check(args: StoreArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     let store = entry::open(&args.store, common.wait)?;
-    let summary = check::execute(&store, &check::Options::default(), context.progress)?;
+    let summary = check::execute(&store, context.progress)?;
     Ok(Report::of("check", args.store, &summary))
 }
 
@@ -322,13 +322,14 @@ fn command_line(words: &[OsString]) -> String {
 fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     let open = if args.dry_run { entry::open } else { entry::open_to_make_room };
     let store = open(&args.store, common.wait)?;
-    let plan = gc::plan(&store, &gc::Options { keep: args.keep })?;
+    // Refuses a store without a model, also a dry run.
+    store.newest_version()?;
     if args.dry_run {
         let text = format!("keep version 0 and the newest {} ends of iterations of each branch", args.keep);
         return Ok(Report::plan("gc", args.store, &text));
     }
     let _process = entry::enter(&store, "gc", None)?;
-    let summary = gc::execute(&store, &plan, context.progress)?;
+    let summary = gc::execute(&store, args.keep, context.progress)?;
     Ok(Report::of("gc", args.store, &summary))
 }
 

@@ -15,10 +15,6 @@ use crate::store::{Snapshot, Store};
 /// Damages listed; more are only counted.
 const LISTED: usize = 1000;
 
-/// Flags of `check`.
-#[derive(Clone, Debug, Default)]
-pub struct Options {}
-
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Damage {
@@ -238,7 +234,7 @@ impl Checker<'_> {
 }
 
 /// Verifies a store. Damages are in the summary, not in the error.
-pub fn execute(store: &Store, _options: &Options, progress: &dyn Progress) -> Result<Summary> {
+pub fn execute(store: &Store, progress: &dyn Progress) -> Result<Summary> {
     verify(store, progress).map_err(|error| store.named(error))
 }
 
@@ -288,14 +284,14 @@ mod tests {
 
     fn check(dir: &Path) -> Summary {
         let store = Store::open(dir, Duration::from_secs(5)).unwrap();
-        execute(&store, &Options::default(), &Quiet).unwrap()
+        execute(&store, &Quiet).unwrap()
     }
 
     fn solved(dir: &Path) -> Store {
         let store = fixture::store(dir, 5);
         fixture::partition(&store, 2);
         fixture::solve_all(&store, UpdateOrder::Jacobi, 2.0);
-        merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+        merge::execute(&store, merge::plan(&store).unwrap(), &Quiet).unwrap();
         store
     }
 

@@ -6,24 +6,6 @@ use crate::base::text::for_shell;
 use crate::base::{Progress, Result};
 use crate::store::{Store, reserve};
 
-/// Flags of `gc`.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// `--keep`: ends of iterations kept per branch, version 0 besides.
-    pub keep: u64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { keep: 2 }
-    }
-}
-
-/// What `gc` will keep.
-pub struct Plan {
-    keep: u64,
-}
-
 /// What `gc` did.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Summary {
@@ -46,19 +28,13 @@ impl super::summary::Summary for Summary {
     }
 }
 
-/// Plans.
-pub fn plan(store: &Store, options: &Options) -> Result<Plan> {
-    store.newest_version()?;
-    Ok(Plan { keep: options.keep })
-}
-
-/// Gives room back from the first step on, since a full disk is where it is needed most: the reserve, what needs no
+/// Keeps version 0 and the newest `keep` ends of iterations of each branch. Gives room back from the first step on, since a full disk is where it is needed most: the reserve, what needs no
 /// row written, then rows and whole files, then files that are mostly garbage.
-pub fn execute(store: &Store, plan: &Plan, progress: &dyn Progress) -> Result<Summary> {
+pub fn execute(store: &Store, keep: u64, progress: &dyn Progress) -> Result<Summary> {
     progress.begin("remove", "versions", None);
     let mut bytes_freed = store.truncate_segments()?;
     bytes_freed += store.drop_unreferenced_segments()?;
-    let versions_removed = store.forget_old_versions(plan.keep)?;
+    let versions_removed = store.forget_old_versions(keep)?;
     progress.at(versions_removed);
     bytes_freed += store.drop_unreferenced_segments()?;
     bytes_freed += store.compact_segments()?;
@@ -92,20 +68,20 @@ mod tests {
                 assert!(fixture::solve(&store, &lease, &mut worker, f32::from(irradiance)));
             }
             drop(worker);
-            merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+            merge::execute(&store, merge::plan(&store).unwrap(), &Quiet).unwrap();
         }
         let bytes = |version| -> Vec<Vec<u8>> {
             let snapshot = Snapshot::at(&store, version).unwrap();
             (0..7).map(|c| snapshot.need(ExtentKind::Radiosity, ClusterId(c)).unwrap().payload().to_vec()).collect()
         };
         let before: Vec<_> = [0, 6, 7, 8].map(&bytes).to_vec();
-        let summary = execute(&store, &Plan { keep: 3 }, &Quiet).unwrap();
+        let summary = execute(&store, 3, &Quiet).unwrap();
         assert_eq!(summary.versions_removed, 5);
         assert!(summary.bytes_freed > 0);
         assert_eq!([0, 6, 7, 8].map(&bytes).to_vec(), before);
         assert_eq!(Snapshot::at(&store, 5).err().unwrap().exit_code(), 2);
         assert!(store.version(5).unwrap().unwrap().residual.is_some(), "figures stay");
-        let again = execute(&store, &Plan { keep: 3 }, &Quiet).unwrap();
+        let again = execute(&store, 3, &Quiet).unwrap();
         assert_eq!((again.versions_removed, again.bytes_freed), (0, 0));
     }
 
@@ -123,7 +99,7 @@ mod tests {
                 assert!(fixture::solve(&store, &lease, &mut worker, f32::from(irradiance)));
             }
             drop(worker);
-            merge::execute(&store, merge::plan(&store, &merge::Options::default()).unwrap(), &Quiet).unwrap();
+            merge::execute(&store, merge::plan(&store).unwrap(), &Quiet).unwrap();
         }
         let files = |word: &str| {
             let names = std::fs::read_dir(dir.path().join("segments")).unwrap();
@@ -136,12 +112,12 @@ mod tests {
         let before = bytes();
         assert_eq!(files("update"), 4);
         let somebody = Store::open(dir.path(), std::time::Duration::ZERO).unwrap();
-        execute(&store, &Plan { keep: 1 }, &Quiet).unwrap();
+        execute(&store, 1, &Quiet).unwrap();
         assert_eq!((files("update"), files("compact")), (2, 0), "another process may read it");
         drop(somebody);
-        execute(&store, &Plan { keep: 1 }, &Quiet).unwrap();
+        execute(&store, 1, &Quiet).unwrap();
         assert_eq!((files("update"), files("compact")), (1, 1));
-        assert_eq!(execute(&store, &Plan { keep: 1 }, &Quiet).unwrap().bytes_freed, 0, "there is nothing left to move");
+        assert_eq!(execute(&store, 1, &Quiet).unwrap().bytes_freed, 0, "there is nothing left to move");
         assert!(bytes() == before);
     }
 }

@@ -25,10 +25,6 @@ use crate::transport::iterate::residual::{self, Change};
 use crate::transport::numbers;
 use crate::transport::steer::{self, Marking, Settling};
 
-/// `merge` takes tolerance and order from the tasks.
-#[derive(Clone, Debug, Default)]
-pub struct Options {}
-
 /// Which updates become versions.
 pub struct Plan {
     /// Newest version of the branch.
@@ -159,8 +155,8 @@ impl super::summary::Summary for Summary {
     }
 }
 
-/// Finds what can be merged; exit code 13 names groups that are missing or do not fit.
-pub fn plan(store: &Store, _options: &Options) -> Result<Plan> {
+/// Finds what can be merged; tolerance and order are the tasks'. Exit code 13 names groups that are missing or do not fit.
+pub fn plan(store: &Store) -> Result<Plan> {
     let waiting = store.branches_to_merge()?;
     let number = waiting.last().copied().map_or_else(|| store.newest_branch(), Ok)?;
     let missing_row = || Error::damaged(store.dir(), format!("branch {number} has no row"));
@@ -390,7 +386,7 @@ mod tests {
     use crate::store::{Worker, fixture};
 
     fn merge(store: &Store) -> Result<Summary> {
-        execute(store, plan(store, &Options {})?, &Quiet)
+        execute(store, plan(store)?, &Quiet)
     }
 
     fn arrives(store: &Store, version: u64, cluster: u32) -> f32 {

@@ -356,7 +356,7 @@ impl Coordinator<'_> {
             self.progress.at(solved);
             let waits_for_all = order == UpdateOrder::Jacobi;
             if counts.done > 0 && (!waits_for_all || counts.done == counts.total()) {
-                merge::execute(self.store, merge::plan(self.store, &merge::Options::default())?, self.progress)?;
+                merge::execute(self.store, merge::plan(self.store)?, self.progress)?;
                 continue;
             }
             if counts.merged == counts.total() {

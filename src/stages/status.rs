@@ -7,10 +7,6 @@ use crate::base::text::for_shell;
 use crate::store::processes::ProcessRow;
 use crate::store::{Stage, Store};
 
-/// Flags of `status`.
-#[derive(Clone, Debug, Default)]
-pub struct Options {}
-
 /// A stage and whether its results can be used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct StageState {
@@ -69,7 +65,7 @@ impl super::summary::Summary for Summary {
 }
 
 /// Reads where the store stands.
-pub fn read(store: &Store, _options: &Options) -> Result<Summary> {
+pub fn read(store: &Store) -> Result<Summary> {
     look(store).map_err(|error| store.named(error))
 }
 
@@ -138,7 +134,7 @@ mod tests {
     fn status_names_the_next_command_at_every_step() {
         let dir = tempfile::tempdir().unwrap();
         let next = |store: &Store| {
-            let next = read(store, &Options::default()).unwrap().next.unwrap();
+            let next = read(store).unwrap().next.unwrap();
             next.split(' ').nth(1).unwrap().to_owned()
         };
         let store = Store::create(&dir.path().join("a.clr"), std::time::Duration::ZERO).unwrap();
@@ -150,10 +146,10 @@ mod tests {
         fixture::solve_all(&store, UpdateOrder::Jacobi, 1.0);
         assert_eq!(next(&store), "merge");
         let guard = ProcessGuard::enter(&store, "clerestory sample", Some(0)).unwrap();
-        let status = read(&store, &Options::default()).unwrap();
+        let status = read(&store).unwrap();
         assert_eq!((status.groups_done, status.groups_total, status.iteration), (2, 2, Some(1)));
         assert_eq!(status.processes[0].command, "clerestory sample");
         drop(guard);
-        assert!(read(&store, &Options::default()).unwrap().processes.is_empty());
+        assert!(read(&store).unwrap().processes.is_empty());
     }
 }

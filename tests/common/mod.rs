@@ -81,6 +81,6 @@ pub fn light_of(store: &Path) -> Vec<Vec<u8>> {
 /// Fails if `check` finds anything.
 pub fn assert_sound(store: &Path) {
     let store = Store::open(store, Duration::from_secs(10)).expect("a store");
-    let summary = check::execute(&store, &check::Options::default(), &Quiet).expect("check runs");
+    let summary = check::execute(&store, &Quiet).expect("check runs");
     assert_eq!(summary.damages, []);
 }
