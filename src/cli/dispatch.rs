@@ -13,7 +13,7 @@ use super::report::Report;
 use super::resources::Watch;
 use super::run_options;
 use super::settings::Resolved;
-use super::summaries::{self, WithNext};
+use super::summaries;
 use super::{args::GcArgs, pages};
 use crate::base::memory::MemoryBudget;
 use crate::base::text::{for_shell, shown};
@@ -146,8 +146,7 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
     let summary = visibility::execute(&visibility::plan(&store, &options)?, context.progress)?;
     remember(context, "visibility", &args.store, common.wait)?;
     let next = Some(format!("clerestory partition {}", for_shell(&args.store)));
-    let lines = summaries::visibility(&summary);
-    Ok(Report::of("visibility", args.store, &WithNext { summary, next, lines }))
+    Ok(Report { next, ..Report::new("visibility", args.store, &summary, summaries::visibility(&summary)) })
 }
 
 fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
@@ -170,8 +169,7 @@ fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> 
     let summary = partition::execute(&partition::plan(&store, &options)?, context.progress)?;
     remember(context, "partition", &args.store, common.wait)?;
     let next = Some(format!("clerestory solve-group {} --until-done", for_shell(&args.store)));
-    let lines = summaries::partition(&summary);
-    Ok(Report::of("partition", args.store, &WithNext { summary, next, lines }))
+    Ok(Report { next, ..Report::new("partition", args.store, &summary, summaries::partition(&summary)) })
 }
 
 fn group_method(method: GroupMethod) -> partition::Method {
@@ -254,8 +252,7 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
     let summary = solve_group::execute(&plan, &resources, context.progress)?;
     remember(context, "solve-group", &args.store, common.wait)?;
     let next = status::read(&store)?.next;
-    let lines = summaries::solve_group(&summary);
-    Ok(Report::of("solve-group", args.store, &WithNext { summary, next, lines }))
+    Ok(Report { next, ..Report::new("solve-group", args.store, &summary, summaries::solve_group(&summary)) })
 }
 
 fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
@@ -346,8 +343,7 @@ fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result
     let options = sample::Options { version: Some(version), snap_m: args.snap, is_stored: args.stored };
     let output = Output::create(&args.output.output, args.output.force)?;
     let summary = sample_files::sample(&store, &options, &args.points, output, context.progress)?;
-    let lines = summaries::sample(&summary);
-    Ok(Report::of("sample", args.store, &WithNext { summary, next: None, lines }).beside(&args.output.output))
+    Ok(Report::new("sample", args.store, &summary, summaries::sample(&summary)).beside(&args.output.output))
 }
 
 fn do_audit(args: AuditArgs, common: &Common, context: &Context<'_>) -> Result<Report> {

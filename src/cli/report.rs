@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::drawing::{bytes, span};
@@ -33,27 +34,25 @@ impl Report {
     /// Of a stage's summary.
     #[must_use]
     pub fn of(verb: &'static str, store: PathBuf, summary: &impl Summary) -> Self {
-        let keys = match serde_json::to_value(summary) {
+        Self { shortfall: summary.shortfall(), ..Self::new(verb, store, summary, summary.lines()) }
+    }
+
+    /// Of keys of the JSON document, and lines for people.
+    #[must_use]
+    pub fn new(verb: &'static str, store: PathBuf, keys: &impl Serialize, lines: Vec<String>) -> Self {
+        let keys = match serde_json::to_value(keys) {
             Ok(Value::Object(keys)) => keys,
             _ => Map::new(),
         };
-        Self {
-            verb,
-            store: Some(store),
-            keys,
-            lines: summary.lines(),
-            next: summary.next(),
-            shortfall: summary.shortfall(),
-            stdout_is_taken: false,
-        }
+        let next = keys.get("next").and_then(Value::as_str).map(str::to_owned);
+        Self { verb, store: Some(store), keys, lines, next, shortfall: None, stdout_is_taken: false }
     }
 
     /// Of a dry run: the plan's text.
     #[must_use]
     pub fn plan(verb: &'static str, store: PathBuf, plan: &str) -> Self {
         let lines: Vec<String> = plan.lines().map(str::to_owned).collect();
-        let keys = Map::from_iter([("plan".to_owned(), json!(lines))]);
-        Self { verb, store: Some(store), keys, lines, next: None, shortfall: None, stdout_is_taken: false }
+        Self::new(verb, store, &json!({"plan": lines}), lines)
     }
 
     /// Beside what the verb wrote to `output`.

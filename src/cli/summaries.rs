@@ -1,37 +1,10 @@
-//! The summaries of the stages, in lines for people.
+//! Summaries of stages in lines for people, where figures are rounded as the command line does.
 
 use super::drawing::{bytes, count, thousands};
-use crate::stages::summary::Summary;
 use crate::stages::{partition, sample, solve_group, visibility};
 
 fn percent(share: f64) -> String {
     format!("{:.3} %", 100.0 * share)
-}
-
-/// A summary with the command that comes next, which the stage itself does not know.
-pub struct WithNext<S> {
-    /// The stage's summary.
-    pub summary: S,
-    /// The command.
-    pub next: Option<String>,
-    /// Its lines.
-    pub lines: Vec<String>,
-}
-
-impl<S: serde::Serialize> serde::Serialize for WithNext<S> {
-    fn serialize<T: serde::Serializer>(&self, serializer: T) -> Result<T::Ok, T::Error> {
-        self.summary.serialize(serializer)
-    }
-}
-
-impl<S: serde::Serialize> Summary for WithNext<S> {
-    fn lines(&self) -> Vec<String> {
-        self.lines.clone()
-    }
-
-    fn next(&self) -> Option<String> {
-        self.next.clone()
-    }
 }
 
 /// Of `visibility`.

@@ -52,10 +52,6 @@ impl super::summary::Summary for Summary {
         lines
     }
 
-    fn next(&self) -> Option<String> {
-        self.next.clone()
-    }
-
     fn shortfall(&self) -> Option<Error> {
         let first = self.damages.first()?;
         let place = if first.id.is_empty() { first.kind.clone() } else { format!("{} {}", first.kind, first.id) };

@@ -69,10 +69,6 @@ impl super::summary::Summary for Summary {
     fn lines(&self) -> Vec<String> {
         vec![format!("{} elements of version {} in {}", self.elements, self.solution_version, self.files.join(", "))]
     }
-
-    fn next(&self) -> Option<String> {
-        None
-    }
 }
 
 /// Finds version and format; refuses to overwrite.

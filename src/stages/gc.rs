@@ -22,10 +22,6 @@ impl super::summary::Summary for Summary {
         let mib = self.bytes_freed as f64 / f64::from(1 << 20);
         vec![format!("{} versions removed, {mib:.1} MiB freed", self.versions_removed)]
     }
-
-    fn next(&self) -> Option<String> {
-        self.next.clone()
-    }
 }
 
 /// Keeps version 0 and the newest `keep` ends of iterations of each branch. Gives room back from the first step on, since a full disk is where it is needed most: the reserve, what needs no

@@ -129,10 +129,6 @@ impl super::summary::Summary for Summary {
         lines
     }
 
-    fn next(&self) -> Option<String> {
-        self.next.clone()
-    }
-
     fn shortfall(&self) -> Option<Error> {
         let (message, help) = match self.unmet? {
             Unmet::Balance => (

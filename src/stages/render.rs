@@ -78,10 +78,6 @@ impl super::summary::Summary for Summary {
         let (width, height) = self.size;
         vec![format!("version {} in {}, {width} x {height} pixels", self.solution_version, self.files.join(", "))]
     }
-
-    fn next(&self) -> Option<String> {
-        None
-    }
 }
 
 /// Places the camera; refuses to overwrite, and pictures that would not fit in memory.

@@ -106,10 +106,6 @@ impl super::summary::Summary for Summary {
         lines
     }
 
-    fn next(&self) -> Option<String> {
-        self.solution.next.clone()
-    }
-
     fn shortfall(&self) -> Option<Error> {
         if !self.failed_groups.is_empty() {
             return Some(Error::NotConverged {

@@ -58,10 +58,6 @@ impl super::summary::Summary for Summary {
         }
         lines
     }
-
-    fn next(&self) -> Option<String> {
-        self.next.clone()
-    }
 }
 
 /// Reads where the store stands.

@@ -2,13 +2,11 @@
 
 use crate::base::Error;
 
-/// Serialised it gives the verb's own keys; the command line adds those that all verbs have.
+/// Serialised it gives the verb's own keys; the command line adds those that all verbs have. `next` among them is the
+/// command to type next.
 pub trait Summary: serde::Serialize {
     /// A few lines for people, without the resource figures and the next command.
     fn lines(&self) -> Vec<String>;
-
-    /// The command to type next.
-    fn next(&self) -> Option<String>;
 
     /// Why the exit code is not 0 although the work was done, if so.
     fn shortfall(&self) -> Option<Error> {

@@ -75,10 +75,6 @@ impl super::summary::Summary for Summary {
         lines
     }
 
-    fn next(&self) -> Option<String> {
-        None
-    }
-
     fn shortfall(&self) -> Option<Error> {
         let promised = self.promised.filter(|tolerance| self.figures.contradicts(*tolerance))?;
         Some(words::contradicted(&self.figures, promised))

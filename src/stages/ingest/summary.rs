@@ -1,7 +1,6 @@
 //! What an ingest found, for people and scripts.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use serde::Serialize;
 
@@ -15,8 +14,6 @@ use crate::store::{Stage, Store};
 /// What an ingest found.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    #[serde(skip)]
-    pub(super) store: PathBuf,
     /// Patches.
     pub patches: u64,
     /// Patches before contact lines cut them.
@@ -45,6 +42,8 @@ pub struct Summary {
     pub unchanged: bool,
     /// Version that opened a branch with new materials, if that is what was done.
     pub materials_version: Option<u64>,
+    /// The command to type next.
+    pub next: String,
 }
 
 /// A face in many pieces.
@@ -84,10 +83,6 @@ impl summary::Summary for Summary {
         }
         lines
     }
-
-    fn next(&self) -> Option<String> {
-        Some(format!("clerestory visibility {}", for_shell(&self.store)))
-    }
 }
 
 /// The vertical of a store's model, and whether it is sure.
@@ -116,7 +111,6 @@ pub(super) fn of(options: &Options, store: &Store, skipped: BTreeMap<String, u64
     let micro = |x: f64| (x * 1e6).round() / 1e6;
     let corner = |at: [f64; 3]| std::array::from_fn(|i| micro(at[i] + facts.origin[i] * facts.metres_per_unit));
     Ok(Summary {
-        store: options.store.clone(),
         patches: facts.patches,
         patches_uncut: facts.patches_uncut,
         clusters: facts.clusters,
@@ -131,5 +125,6 @@ pub(super) fn of(options: &Options, store: &Store, skipped: BTreeMap<String, u64
         up_is_sure,
         unchanged: false,
         materials_version: None,
+        next: format!("clerestory visibility {}", for_shell(&options.store)),
     })
 }
