@@ -7,6 +7,7 @@
 pub mod audit;
 pub mod cut;
 pub mod figures;
+pub mod free_group;
 pub mod geometry;
 pub mod invariants;
 pub mod layout;

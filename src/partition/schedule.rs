@@ -1,5 +1,7 @@
 //! Which group a free worker takes next (section 5.2 of the paper).
 
+use crate::model::free_group::FreeGroup;
+
 /// How to choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Policy {
@@ -14,29 +16,16 @@ pub enum Policy {
     },
 }
 
-/// A group that is free.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Candidate {
-    /// Its number.
-    pub group: u32,
-    /// Predicted cost, any unit.
-    pub cost: f64,
-    /// Share of its working set that this worker holds, 0..=1.
-    pub held_here: f64,
-    /// Share that this worker lacks but another holds.
-    pub held_elsewhere: f64,
-}
-
 /// Chooses among free groups; `taken` have been claimed before in this iteration. `None` if none is.
 #[must_use]
-pub fn choose(policy: Policy, candidates: &[Candidate], taken: usize, all_by_cost: &[u32]) -> Option<u32> {
-    let costliest = |list: &[Candidate]| {
+pub fn choose(policy: Policy, candidates: &[FreeGroup], taken: usize, all_by_cost: &[u32]) -> Option<u32> {
+    let costliest = |list: &[FreeGroup]| {
         list.iter().max_by(|a, b| a.cost.total_cmp(&b.cost).then(b.group.cmp(&a.group))).map(|c| c.group)
     };
-    let best_held = |list: &[Candidate]| {
+    let best_held = |list: &[FreeGroup]| {
         list.iter()
             .max_by(|a, b| {
-                let merit = |c: &Candidate| c.held_here - c.held_elsewhere;
+                let merit = |c: &FreeGroup| c.held_here - c.held_elsewhere;
                 merit(a).total_cmp(&merit(b)).then(a.cost.total_cmp(&b.cost)).then(b.group.cmp(&a.group))
             })
             .map(|c| c.group)
@@ -66,9 +55,9 @@ pub fn choose(policy: Policy, candidates: &[Candidate], taken: usize, all_by_cos
 mod tests {
     use super::*;
 
-    fn candidates() -> Vec<Candidate> {
+    fn candidates() -> Vec<FreeGroup> {
         [(0, 9.0, 0.0), (1, 5.0, 0.2), (2, 1.0, 1.0)]
-            .map(|(group, cost, held_here)| Candidate { group, cost, held_here, held_elsewhere: 0.0 })
+            .map(|(group, cost, held_here)| FreeGroup { group, cost, held_here, held_elsewhere: 0.0 })
             .to_vec()
     }
 

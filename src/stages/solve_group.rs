@@ -17,10 +17,10 @@ use crate::model::light::ElementLight;
 use crate::model::report::TaskReport;
 pub use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 pub use crate::partition::schedule::Policy;
-use crate::partition::schedule::{self, Candidate};
+use crate::partition::schedule::choose;
 use crate::store::iterations::Iteration;
 pub use crate::store::iterations::SolveSettings;
-use crate::store::tasks::{GroupClaim, Lease, Offer};
+use crate::store::tasks::{GroupClaim, Lease};
 use crate::store::workers::Worker;
 use crate::store::{ModelFacts, Stage, Store};
 use crate::transport::iterate::relax::Inner;
@@ -169,7 +169,9 @@ pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dy
 
 fn claim(plan: &Plan<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<Option<Lease>> {
     let Which::Group(group) = plan.options.which else {
-        return plan.store.claim(iteration, worker, &mut |offer| choose(plan.options.schedule, offer));
+        return plan.store.claim(iteration, worker, &mut |offer| {
+            choose(plan.options.schedule, &offer.free, offer.taken, &offer.by_cost)
+        });
     };
     let started = Instant::now();
     loop {
@@ -197,15 +199,6 @@ fn claim(plan: &Plan<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<
             }
         }
     }
-}
-
-fn choose(policy: Policy, offer: &Offer) -> Option<u32> {
-    let candidates: Vec<Candidate> = offer
-        .free
-        .iter()
-        .map(|f| Candidate { group: f.group, cost: f.cost, held_here: f.held_here, held_elsewhere: f.held_elsewhere })
-        .collect();
-    schedule::choose(policy, &candidates, offer.taken, &offer.by_cost)
 }
 
 /// Refuses a group whose elements and links, as the base version stores them, do not fit in memory.

@@ -55,5 +55,5 @@ pub use processes::ProcessGuard;
 pub use segment::SegmentWriter;
 pub use snapshot::Snapshot;
 pub use stage_rows::{Stage, StageRecord};
-pub use tasks::{FreeGroup, GroupClaim, Lease, Offer, UpdateRow};
+pub use tasks::{GroupClaim, Lease, Offer, UpdateRow};
 pub use workers::Worker;

@@ -9,6 +9,7 @@ use super::workers::{Worker, segment_is_free};
 use super::{ExtentRef, Store};
 use crate::base::{ClusterId, Error, Result};
 use crate::model::ExtentKind;
+use crate::model::free_group::FreeGroup;
 use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
 
@@ -27,19 +28,6 @@ pub struct Lease {
     pub group: u32,
     /// The version to read.
     pub base_version: u64,
-}
-
-/// A group that is free, for a schedule.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FreeGroup {
-    /// Its number.
-    pub group: u32,
-    /// Predicted cost, any unit.
-    pub cost: f64,
-    /// Share of its clusters that the asking worker holds.
-    pub held_here: f64,
-    /// Share that another worker holds and the asking one does not.
-    pub held_elsewhere: f64,
 }
 
 /// What there is to choose from.

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use clerestory::partition::schedule::{Candidate, Policy, choose};
+use clerestory::model::free_group::FreeGroup;
+use clerestory::partition::schedule::{Policy, choose};
 use clerestory::store::tasks::OFFERED;
 
 use super::args::Master;
@@ -103,9 +104,9 @@ impl Replay<'_> {
         let candidate = |&place: &usize| {
             let group = &self.recording.groups[place];
             let (held_here, held_elsewhere) = self.fleet.shares(worker, group);
-            Candidate { group: group.id, cost: group.cost, held_here, held_elsewhere }
+            FreeGroup { group: group.id, cost: group.cost, held_here, held_elsewhere }
         };
-        let candidates: Vec<Candidate> = free.iter().take(OFFERED as usize).map(candidate).collect();
+        let candidates: Vec<FreeGroup> = free.iter().take(OFFERED as usize).map(candidate).collect();
         let taken = self.ids.len() - free.len();
         let id = choose(self.settings.policy, &candidates, taken, &self.ids)?;
         self.recording.groups.binary_search_by_key(&id, |group| group.id).ok()
