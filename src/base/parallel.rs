@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 
-use super::{Error, Progress, Result};
+use super::{Progress, Result};
 
 /// Threads that work together.
 #[derive(Clone, Copy)]
@@ -31,9 +31,7 @@ impl<T> Turns<'_, T> {
             if at >= self.count {
                 return Ok(());
             }
-            if self.progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
+            self.progress.go_on()?;
             if self.done.send(Ok((at, work(at)?))).is_err() {
                 return Ok(()); // nobody waits for results any more
             }
@@ -83,7 +81,7 @@ impl Crew<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Quiet;
+    use crate::base::{Error, Quiet};
 
     const CREW: Crew<'_> = Crew { threads: 4, progress: &Quiet };
 

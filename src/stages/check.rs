@@ -127,10 +127,7 @@ impl Checker<'_> {
             self.whole("places of extents", |checker| {
                 checker.store.for_each_extent(kind, &mut |row| {
                     done += 1;
-                    progress.at(done);
-                    if progress.interrupted() {
-                        return Err(Error::Interrupted);
-                    }
+                    progress.step(done)?;
                     checker.extent(kind, row)
                 })
             })?;

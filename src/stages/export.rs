@@ -124,10 +124,7 @@ impl Walk<'_, '_> {
         for (done, cluster) in self.set.snapshot().clusters().enumerate() {
             let cluster = cluster?;
             visit(&cluster, &self.set.mapped(cluster.id)?.view())?;
-            self.progress.at(done as u64 + 1);
-            if self.progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
+            self.progress.step(done as u64 + 1)?;
         }
         Ok(())
     }

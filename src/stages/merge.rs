@@ -365,10 +365,7 @@ fn change(store: &Store, base: &VersionRow, now: &[TaskRow], progress: &dyn Prog
         let part =
             residual::of_cluster(&view, sides, &before.parse(LightView::parse)?, &after.parse(LightView::parse)?);
         sum = sum.plus(part);
-        progress.at(done as u64 + 1);
-        if progress.interrupted() {
-            return Err(Error::Interrupted);
-        }
+        progress.step(done as u64 + 1)?;
     }
     Ok(sum)
 }

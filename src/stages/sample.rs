@@ -92,9 +92,7 @@ fn answer(
     progress.begin("sample", "points", None);
     for point in points {
         let point = point?;
-        if progress.interrupted() {
-            return Err(Error::Interrupted);
-        }
+        progress.go_on()?;
         let origin = DVec3::from_array(facts.origin);
         let at = (DVec3::from_array(point.position) - origin) * facts.metres_per_unit;
         // Scaled first: squares of what is very short or long are 0 or infinite.

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::base::{Error, NodeName, PatchSide, Progress, Result, Rgb};
+use crate::base::{NodeName, PatchSide, Progress, Result, Rgb};
 use crate::rays::RayScene;
 use crate::rays::locate::Covering;
 use crate::rays::node::Node;
@@ -239,9 +239,7 @@ impl Refiner<'_, '_> {
 
     /// Measures a row of an element anew, or with more rounds than it has.
     fn measure(&mut self, name: NodeName, part: Part, rounds: u16) -> Result<()> {
-        if self.context.progress.interrupted() {
-            return Err(Error::Interrupted);
-        }
+        self.context.progress.go_on()?;
         let Context { scene, lights, seed, .. } = self.context;
         let measured = Measured::of(&self.view, self.sides, name, part, *seed);
         let draws = Draws::of(&measured.node, part, *seed);

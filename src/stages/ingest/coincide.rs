@@ -14,7 +14,7 @@ use super::piece::{NONE, Piece};
 use super::record_file::RecordFile;
 use super::skipped::{Cause, Skipped};
 use super::sorter::Sorter;
-use crate::base::{Error, Progress, Result};
+use crate::base::{Progress, Result};
 use crate::geom::sequence::mix;
 
 /// Cells are this many snap lengths wide.
@@ -70,8 +70,8 @@ impl Search<'_> {
                 let [x, y, z] = centre.as_vec3().to_array().map(f32::to_bits);
                 self.cells_of(centre, |cell| cells.push(InCell { cell, piece: i, centre: [x, y, z, 0] }))?;
             }
-            if i % 65_536 == 0 && progress.interrupted() {
-                return Err(Error::Interrupted);
+            if i % 65_536 == 0 {
+                progress.go_on()?;
             }
         }
         let mut matches = Sorter::new(self.dir, self.memory_bytes / 4);
@@ -95,10 +95,7 @@ impl Search<'_> {
             crowd.push(entry);
             seen += 1;
             if seen % 65_536 == 0 {
-                progress.at(seen.min(pieces.len()));
-                if progress.interrupted() {
-                    return Err(Error::Interrupted);
-                }
+                progress.step(seen.min(pieces.len()))?;
             }
         }
         self.resolve(matches, pieces, skipped)

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::piece::Piece;
 use super::pieces::planar_tolerance;
 use super::record_file::RecordFile;
-use crate::base::{Error, Progress, Result};
+use crate::base::{Progress, Result};
 use crate::geom::split::is_good_quad;
 
 /// Triangles that wait for a partner.
@@ -44,10 +44,7 @@ pub fn join(
             window.flush(WINDOW, to)?;
         }
         if i % 16_384 == 0 {
-            progress.at(i);
-            if progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
+            progress.step(i)?;
         }
     }
     window.flush(0, to)

@@ -129,10 +129,7 @@ impl Spilled {
             self.take(&mut place, record)?;
             records += 1;
             if records.is_multiple_of(65_536) {
-                progress.at(records);
-                if progress.interrupted() {
-                    return Err(Error::Interrupted);
-                }
+                progress.step(records)?;
             }
         }
         self.files[file].vertices.1 = self.positions.len();
@@ -274,10 +271,7 @@ impl Spilled {
             visit(self, &face)?;
             seen += 1;
             if seen.is_multiple_of(16_384) {
-                progress.at(seen);
-                if progress.interrupted() {
-                    return Err(Error::Interrupted);
-                }
+                progress.step(seen)?;
             }
         }
         Ok(())

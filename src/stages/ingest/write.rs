@@ -129,8 +129,7 @@ fn for_each(
         totals.materials.update(&records.materials_payload());
         totals.add(&records, far);
         visit(spilled, &records, &of)?;
-        progress.at(totals.clusters);
-        if progress.interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+        progress.step(totals.clusters)
     })
 }
 

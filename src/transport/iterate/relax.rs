@@ -1,7 +1,7 @@
 //! Group relaxation: light from outside the group is gathered once, light between its clusters is iterated to
 //! convergence.
 
-use crate::base::{Error, Progress, Result};
+use crate::base::{Progress, Result};
 use crate::model::geometry::SideMaterial;
 use crate::transport::light::line::Halves;
 use crate::transport::light::lit::LitCluster;
@@ -74,9 +74,7 @@ pub fn relax(
     loop {
         let (mut change, mut level) = (0.0, 0.0);
         for index in 0..members.len() {
-            if progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
+            progress.go_on()?;
             let mut fits = Vec::new();
             {
                 let members = &*members;

@@ -26,7 +26,7 @@ use self::sink::Sink;
 use super::piece::{FaceCorner, Piece, Source};
 use super::record_file::RecordFile;
 use super::sorter::Sorter;
-use crate::base::{Error, Progress, Result};
+use crate::base::{Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::model::cut::CutNode;
 
@@ -147,10 +147,7 @@ pub fn cut(
         }
         by_row.push(RowCuts::new(face.row, cuts))?;
         if i % 4096 == 0 {
-            progress.at(i);
-            if progress.interrupted() {
-                return Err(Error::Interrupted);
-            }
+            progress.step(i)?;
         }
     }
     drop(neighbours);

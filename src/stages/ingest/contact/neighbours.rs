@@ -12,7 +12,7 @@ use super::super::pieces::bounds;
 use super::super::record_file::RecordFile;
 use super::super::sorter::Sorter;
 use super::plane::Plane;
-use crate::base::{Error, Progress, Result};
+use crate::base::{Progress, Result};
 use crate::geom::bounds::Bounds;
 use crate::geom::morton::morton;
 
@@ -145,8 +145,8 @@ impl Neighbours {
             if piece.gone == 0 {
                 sorter.push(placed(&piece, row, whole))?;
             }
-            if row % 65_536 == 0 && progress.interrupted() {
-                return Err(Error::Interrupted);
+            if row % 65_536 == 0 {
+                progress.go_on()?;
             }
         }
         let mut faces = RecordFile::create(dir, "contact-faces", memory_bytes / 2)?;
