@@ -1,8 +1,15 @@
 //! Unnamed temporary files: what has to be counted before it can be written lies there.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Seek, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
+
+/// An empty file that has its name for a moment only: it is gone when the program is, however that ends.
+pub fn unnamed(path: &Path) -> io::Result<File> {
+    let file = File::options().read(true).write(true).create(true).truncate(true).open(path)?;
+    std::fs::remove_file(path)?;
+    Ok(file)
+}
 
 /// Bytes on disk that are gone with the program.
 pub struct Spool {
@@ -13,9 +20,7 @@ pub struct Spool {
 impl Spool {
     /// An empty one in `dir`; `name` is its name for the moment that it has one.
     pub fn create(dir: &Path, name: &str) -> io::Result<Self> {
-        let path = dir.join(format!(".{name}-{}.spool", std::process::id()));
-        let file = File::options().read(true).write(true).create(true).truncate(true).open(&path)?;
-        std::fs::remove_file(&path)?;
+        let file = unnamed(&dir.join(format!(".{name}-{}.spool", std::process::id())))?;
         Ok(Self { file: BufWriter::with_capacity(64 << 10, file), bytes: 0 })
     }
 
@@ -29,14 +34,7 @@ impl Spool {
     pub fn copy_to(self, out: &mut dyn Write) -> io::Result<()> {
         let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
         file.rewind()?;
-        let mut buffer = vec![0; 64 << 10];
-        loop {
-            let read = file.read(&mut buffer)?;
-            if read == 0 {
-                return Ok(());
-            }
-            out.write_all(&buffer[..read])?;
-        }
+        io::copy(&mut file, out).map(|_| ())
     }
 }
 

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::split::area_vector;
+
 /// Most corners a [`Polygon`] may have: a quad clipped by two planes, with room to spare.
 pub const MAX_CORNERS: usize = 8;
 
@@ -33,9 +35,7 @@ impl Polygon {
     /// Twice the area times the unit normal (right-handed winding).
     #[must_use]
     pub fn doubled_area_vector(&self) -> DVec3 {
-        let c = self.corners();
-        let Some(first) = c.first() else { return DVec3::ZERO };
-        c[1..].windows(2).map(|w| (w[0] - *first).cross(w[1] - *first)).fold(DVec3::ZERO, |a, b| a + b)
+        area_vector(self.corners())
     }
 
     /// Area, m2.

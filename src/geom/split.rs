@@ -34,8 +34,8 @@ const BEND: f64 = 1e-3;
 /// Twice the area times the normal (Newell): defined for every polygon.
 #[must_use]
 pub fn area_vector(points: &[DVec3]) -> DVec3 {
-    let first = points[0];
-    points[1..].windows(2).map(|w| (w[0] - first).cross(w[1] - first)).fold(DVec3::ZERO, |a, b| a + b)
+    let Some((first, others)) = points.split_first() else { return DVec3::ZERO };
+    others.windows(2).map(|w| (w[0] - *first).cross(w[1] - *first)).fold(DVec3::ZERO, |a, b| a + b)
 }
 
 /// Whether all points lie within `tolerance` of the plane through their mean across the area vector.

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::geom::bounds::Bounds;
+
 /// A cluster as the partition sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
@@ -152,9 +154,7 @@ pub fn split_into(graph: &Graph, grouping: Grouping, least: usize) -> Grouping {
 #[must_use]
 pub fn far_half(graph: &Graph, members: &[usize], costs: &[f64]) -> Vec<usize> {
     let centre = |i: usize| graph.places[i].centre;
-    let low = members.iter().fold(DVec3::INFINITY, |m, i| m.min(centre(*i)));
-    let high = members.iter().fold(DVec3::NEG_INFINITY, |m, i| m.max(centre(*i)));
-    let axis = (high - low).max_position();
+    let axis = members.iter().fold(Bounds::EMPTY, |all, i| all.with(centre(*i))).size().max_position();
     let mut order = members.to_vec();
     order.sort_by(|a, b| centre(*a)[axis].total_cmp(&centre(*b)[axis]).then(a.cmp(b)));
     let total: f64 = order.iter().map(|i| costs[*i]).sum();

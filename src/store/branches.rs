@@ -3,7 +3,6 @@
 use rusqlite::{Connection, OptionalExtension};
 
 use super::Store;
-use crate::base::text::shown;
 use crate::base::{Error, Result};
 use crate::model::solve_options::SolveOptions;
 
@@ -59,10 +58,7 @@ impl Store {
         match newest {
             Some(newest) => Ok(newest),
             None if self.facts_if_any()?.is_some() => Err(self.lacks("there is a model, but no solution version")),
-            None => Err(Error::StageMissing {
-                message: format!("{}: no model in this store", shown(self.dir())),
-                help: format!("run `clerestory ingest {} MODEL.obj` first", crate::base::text::for_shell(self.dir())),
-            }),
+            None => Err(self.has_no_model()),
         }
     }
 

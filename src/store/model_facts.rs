@@ -125,9 +125,13 @@ impl Store {
 
     /// What ingest found; exit code 13 before it.
     pub fn facts(&self) -> Result<ModelFacts> {
-        self.facts_if_any()?.ok_or_else(|| Error::StageMissing {
+        self.facts_if_any()?.ok_or_else(|| self.has_no_model())
+    }
+
+    pub(super) fn has_no_model(&self) -> Error {
+        Error::StageMissing {
             message: format!("{}: no model in this store", shown(self.dir())),
             help: format!("run `clerestory ingest {} MODEL.obj` first", for_shell(self.dir())),
-        })
+        }
     }
 }

@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::contact::Cuts;
 use super::piece::Piece;
-use super::pieces::bounds;
+use super::pieces::{bounds, bounds_of_all};
 use super::record_file::RecordFile;
 use super::sorter::Sorter;
 use crate::base::Result;
@@ -56,13 +56,7 @@ pub fn for_each_cluster(
     scratch: (&Path, u64),
     mut visit: impl FnMut(&mut Faces<'_>, &Members<'_>) -> Result<()>,
 ) -> Result<()> {
-    let mut whole = Bounds::EMPTY;
-    for i in 0..faces.whole.len() {
-        let face = faces.whole.get(i)?;
-        if face.gone == 0 {
-            whole = whole.union(bounds(&face));
-        }
-    }
+    let whole = bounds_of_all(faces.whole)?;
     let mut placed = Sorter::new(scratch.0, scratch.1);
     for i in 0..faces.whole.len() {
         let face = faces.whole.get(i)?;

@@ -247,6 +247,18 @@ pub fn bounds(piece: &Piece) -> Bounds {
     Bounds::of(&points[..n])
 }
 
+/// Box round all pieces that are not gone.
+pub fn bounds_of_all(pieces: &mut RecordFile<Piece>) -> Result<Bounds> {
+    let mut whole = Bounds::EMPTY;
+    for i in 0..pieces.len() {
+        let piece = pieces.get(i)?;
+        if piece.gone == 0 {
+            whole = whole.union(bounds(&piece));
+        }
+    }
+    Ok(whole)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

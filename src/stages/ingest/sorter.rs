@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use bytemuck::Pod;
 
 use crate::base::{Error, Result};
+use crate::formats::spool::unnamed;
 
 /// Runs merged at once; more are merged in rounds.
 const FAN_IN: usize = 64;
@@ -51,10 +52,7 @@ impl<T: Pod + Ord> Sorter<T> {
 
     fn write_run(&self, records: impl Iterator<Item = Result<T>>) -> Result<File> {
         let io = |e: std::io::Error| Error::io(&self.dir, &e);
-        let path = self.dir.join("run");
-        let file = File::options().read(true).write(true).create(true).truncate(true).open(&path).map_err(io)?;
-        // Without a name it is gone when the program is, however that ends.
-        std::fs::remove_file(&path).map_err(io)?;
+        let file = unnamed(&self.dir.join("run")).map_err(io)?;
         let mut out = BufWriter::with_capacity(READ_BYTES, file);
         for record in records {
             out.write_all(bytemuck::bytes_of(&record?)).map_err(io)?;

@@ -57,8 +57,7 @@ type Seen = ([DVec3; 2], bool);
 impl Sample {
     /// Adds a face by its corners.
     pub fn add(&mut self, points: &[DVec3], emits: bool) {
-        let (low, high) =
-            points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+        let Bounds { min: low, max: high } = Bounds::of(points);
         let hash = mix_point(low) ^ mix_point(high).rotate_left(32);
         if self.0.len() < SAMPLED || self.0.peek().is_some_and(|largest| hash < largest.0) {
             let [a, b, c] = low.to_array().map(f64::to_bits);

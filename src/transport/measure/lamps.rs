@@ -4,6 +4,7 @@
 use glam::{DMat3, DVec3};
 
 use crate::base::{ClusterId, NodeName, PatchSide, Result, Rgb};
+use crate::geom::bounds::Bounds;
 use crate::geom::polygon::Polygon;
 use crate::geom::quadtree;
 use crate::rays::node::{Facet, Node};
@@ -150,10 +151,7 @@ impl LightTree {
             self.bundles[at] = *only;
             return;
         }
-        let (low, high) = lamps.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), lamp| {
-            (low.min(lamp.centre), high.max(lamp.centre))
-        });
-        let extent = high - low;
+        let extent = lamps.iter().fold(Bounds::EMPTY, |all, lamp| all.with(lamp.centre)).size();
         let axis = (0..3).fold(0, |widest, axis| if extent[axis] > extent[widest] { axis } else { widest });
         // Stable: lamps come in the order of their names.
         lamps.sort_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]));

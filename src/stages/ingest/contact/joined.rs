@@ -4,7 +4,7 @@
 use glam::DVec2;
 
 use super::segments::{LEFT, RIGHT, Segment, turned};
-use super::weld::{Sets, in_order, weld};
+use super::weld::{Sets, in_order, number_of, weld};
 
 /// Ends this near belong to one chain, and chains are simplified to this, m.
 pub const CHAIN_M: f64 = 0.01;
@@ -32,10 +32,7 @@ impl Graph {
     pub fn of(segments: &[Segment], near_m: f64) -> Self {
         let points = in_order(segments.iter().flat_map(|s| s.ends).collect());
         let welded = weld(&points, near_m, |_, _| {});
-        let number = |p: DVec2| {
-            let at = points.binary_search_by(|q| q.x.total_cmp(&p.x).then(q.y.total_cmp(&p.y)));
-            welded[at.expect("every end is there")]
-        };
+        let number = |p: DVec2| welded[number_of(&points, p)];
         let mut edges: Vec<Edge> = segments.iter().map(|s| edge(s.ends.map(number), s.kinds)).collect();
         edges.retain(|e| e.ends[0] != e.ends[1]);
         unite_equal(&mut edges);
@@ -46,18 +43,14 @@ impl Graph {
     /// Drops chains, connected or almost, whose extent is below `least_m`.
     pub fn drop_short_chains(&mut self, near_m: f64, least_m: f64) {
         let points = in_order(self.edges.iter().flat_map(|e| e.ends).map(|i| self.points[i as usize]).collect());
-        let mut number = vec![u32::MAX; self.points.len()];
-        for ends in self.edges.iter().map(|e| e.ends) {
-            for end in ends {
-                let p = self.points[end as usize];
-                let at = points.binary_search_by(|q| q.x.total_cmp(&p.x).then(q.y.total_cmp(&p.y)));
-                number[end as usize] = at.expect("every end is there") as u32;
-            }
+        let mut number = vec![usize::MAX; self.points.len()];
+        for end in self.edges.iter().flat_map(|e| e.ends) {
+            number[end as usize] = number_of(&points, self.points[end as usize]);
         }
         let mut chains = Sets::new(points.len());
         weld(&points, near_m, |a, b| chains.unite(a, b));
         for Edge { ends: [a, b], .. } in &self.edges {
-            chains.unite(number[*a as usize] as usize, number[*b as usize] as usize);
+            chains.unite(number[*a as usize], number[*b as usize]);
         }
         let mut boxes = vec![[DVec2::INFINITY, DVec2::NEG_INFINITY]; points.len()];
         for (i, p) in points.iter().enumerate() {
@@ -65,7 +58,7 @@ impl Graph {
             (*low, *high) = (low.min(*p), high.max(*p));
         }
         self.edges.retain(|e| {
-            let [low, high] = boxes[chains.of(number[e.ends[0] as usize] as usize)];
+            let [low, high] = boxes[chains.of(number[e.ends[0] as usize])];
             low.distance(high) >= least_m
         });
     }

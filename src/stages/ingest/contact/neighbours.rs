@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::super::piece::{FaceCorner, Piece};
-use super::super::pieces::bounds;
+use super::super::pieces::{bounds, bounds_of_all};
 use super::super::record_file::RecordFile;
 use super::super::sorter::Sorter;
 use super::plane::Plane;
@@ -132,13 +132,7 @@ pub struct Neighbours {
 impl Neighbours {
     /// Of all pieces; `memory_bytes` bounds what is held.
     pub fn of(pieces: &mut RecordFile<Piece>, dir: &Path, memory_bytes: u64, progress: &dyn Progress) -> Result<Self> {
-        let mut whole = Bounds::EMPTY;
-        for i in 0..pieces.len() {
-            let piece = pieces.get(i)?;
-            if piece.gone == 0 {
-                whole = whole.union(bounds(&piece));
-            }
-        }
+        let whole = bounds_of_all(pieces)?;
         let mut sorter = Sorter::new(dir, memory_bytes / 2);
         for row in 0..pieces.len() {
             let piece = pieces.get(row)?;

@@ -15,6 +15,13 @@ pub fn in_order(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points
 }
 
+/// Number of a point among points in order.
+#[must_use]
+pub fn number_of(points: &[DVec2], p: DVec2) -> usize {
+    let at = points.binary_search_by(|q| q.x.total_cmp(&p.x).then(q.y.total_cmp(&p.y)));
+    at.expect("every end is there")
+}
+
 /// For each of some points in order, the first that stands for those within `near_m` of it: itself if there is none.
 /// Visits all that stand for others and are as near, with the point's number.
 pub fn weld(points: &[DVec2], near_m: f64, mut visit: impl FnMut(usize, usize)) -> Vec<u32> {
