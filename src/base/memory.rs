@@ -32,6 +32,19 @@ impl MemoryBudget {
     }
 }
 
+/// A line of a text like `/proc/self/status`.
+#[must_use]
+pub fn proc_field(text: &str, key: &str) -> Option<u64> {
+    text.lines().find_map(|line| line.strip_prefix(key)?.split_whitespace().next()?.parse().ok())
+}
+
+/// A line of `/proc/self/status`, from KiB to bytes; 0 where the kernel does not say.
+#[must_use]
+pub fn status_bytes(key: &str) -> u64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    proc_field(&text, key).unwrap_or(0) * 1024
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

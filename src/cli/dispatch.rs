@@ -303,7 +303,7 @@ fn do_run(args: &RunArgs, common: &Common, context: &Context<'_>) -> Result<Repo
     let summary = run::execute(&plan, context.progress)?;
     let mut report = Report::of("run", store, &summary);
     for (key, value) in
-        [("peak_rss_bytes", summary.used.peak_rss_bytes), ("peak_anon_bytes", summary.used.peak_anon_bytes)]
+        [("peak_rss_bytes", summary.used.peak_rss_bytes), ("peak_anon_bytes", summary.used.used.peak_anon_bytes)]
     {
         report.keys.insert(key.to_owned(), value.into());
     }

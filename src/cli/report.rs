@@ -7,9 +7,9 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::drawing::{bytes, span};
-use super::resources::Figures;
 use crate::base::Error;
 use crate::base::text::{harmless, shown};
+use crate::model::figures::ProcessFigures;
 use crate::stages::summary::Summary;
 
 /// A verb's result, whatever the verb.
@@ -64,7 +64,7 @@ impl Report {
 
     /// The figures with the peaks of the processes that the verb started: the larger counts.
     #[must_use]
-    pub fn with_children(&self, mut own: Figures) -> Figures {
+    pub fn with_children(&self, mut own: ProcessFigures) -> ProcessFigures {
         let of = |key: &str| self.keys.get(key).and_then(Value::as_u64).unwrap_or(0);
         own.peak_rss_bytes = own.peak_rss_bytes.max(of("peak_rss_bytes"));
         own.used.peak_anon_bytes = own.used.peak_anon_bytes.max(of("peak_anon_bytes"));
@@ -73,21 +73,15 @@ impl Report {
 
     /// The JSON document.
     #[must_use]
-    pub fn json(&self, figures: &Figures, warnings: &[String]) -> Value {
+    pub fn json(&self, figures: &ProcessFigures, warnings: &[String]) -> Value {
         let mut document = Map::new();
         let mut put = |key: &str, value: Value| document.insert(key.to_owned(), value);
         put("command", json!(self.verb));
         put("store", json!(self.store.as_ref().map(shown)));
         put("version_of_program", json!(env!("CARGO_PKG_VERSION")));
-        put("wall_s", json!(figures.wall_s));
-        put("cpu_s", json!(figures.used.cpu_s));
-        put("peak_rss_bytes", json!(figures.peak_rss_bytes));
-        put("peak_anon_bytes", json!(figures.used.peak_anon_bytes));
-        put("bytes_read", json!(figures.used.bytes_read));
-        put("bytes_written", json!(figures.used.bytes_written));
         put("warnings", json!(warnings));
         put("next", json!(self.next));
-        for (key, value) in &self.keys {
+        for (key, value) in json!(figures).as_object().into_iter().flatten().chain(&self.keys) {
             if !document.contains_key(key) {
                 document.insert(key.clone(), value.clone());
             }
@@ -97,7 +91,7 @@ impl Report {
 
     /// The lines for people, figures and next command included.
     #[must_use]
-    pub fn text(&self, figures: &Figures) -> String {
+    pub fn text(&self, figures: &ProcessFigures) -> String {
         let mut out: String = self.lines.iter().map(|line| format!("{}\n", harmless(line))).collect();
         out += &format!(
             "Done in {} (CPU {}, peak {} anonymous, {} resident; {} read, {} written).\n",

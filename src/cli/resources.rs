@@ -6,23 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::model::figures::Resources;
+use crate::base::memory::{proc_field, status_bytes};
+use crate::model::figures::{ProcessFigures, Resources};
 
 /// Between two looks at the anonymous memory.
 const PERIOD: Duration = Duration::from_millis(20);
 /// Clock ticks of `/proc/self/stat`: fixed on Linux.
 const TICKS_PER_S: f64 = 100.0;
-
-/// Figures of a process and of its children that have ended, since the start of the watch.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Figures {
-    /// Time, s.
-    pub wall_s: f64,
-    /// Largest resident memory, bytes.
-    pub peak_rss_bytes: u64,
-    /// The rest.
-    pub used: Resources,
-}
 
 /// Watches the process until dropped.
 pub struct Watch {
@@ -52,13 +42,13 @@ impl Watch {
 
     /// The figures so far.
     #[must_use]
-    pub fn figures(&self) -> Figures {
+    pub fn figures(&self) -> ProcessFigures {
         sample(&self.peak_anon);
         let (now, before) = (Used::now(), &self.before);
         let since = |now: u64, before: u64| now.saturating_sub(before);
-        Figures {
+        ProcessFigures {
             wall_s: self.began.elapsed().as_secs_f64(),
-            peak_rss_bytes: status("VmHWM:"),
+            peak_rss_bytes: status_bytes("VmHWM:"),
             used: Resources {
                 cpu_s: now.cpu_s - before.cpu_s,
                 peak_anon_bytes: self.peak_anon.load(Ordering::Relaxed),
@@ -82,7 +72,7 @@ struct Used {
 impl Used {
     fn now() -> Self {
         let io = std::fs::read_to_string("/proc/self/io").unwrap_or_default();
-        let of = |key| field(&io, key).unwrap_or(0);
+        let of = |key| proc_field(&io, key).unwrap_or(0);
         Self {
             cpu_s: cpu_s(),
             bytes_asked: of("rchar:"),
@@ -103,17 +93,7 @@ impl Drop for Watch {
 }
 
 fn sample(peak: &AtomicU64) {
-    peak.fetch_max(status("RssAnon:"), Ordering::Relaxed);
-}
-
-fn field(text: &str, key: &str) -> Option<u64> {
-    text.lines().find_map(|line| line.strip_prefix(key)?.split_whitespace().next()?.parse().ok())
-}
-
-/// A line of `/proc/self/status`, from KiB to bytes.
-fn status(key: &str) -> u64 {
-    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    field(&text, key).unwrap_or(0) * 1024
+    peak.fetch_max(status_bytes("RssAnon:"), Ordering::Relaxed);
 }
 
 /// User and system time of this process and of its ended children, s.

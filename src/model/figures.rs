@@ -3,7 +3,7 @@
 use std::ops::AddAssign;
 
 use bincode::{Decode, Encode};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What was done and what there is now.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode, Serialize)]
@@ -62,7 +62,8 @@ impl AddAssign for Power {
 }
 
 /// What a process used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Encode, Decode, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Resources {
     /// Largest anonymous memory so far, bytes.
     pub peak_anon_bytes: u64,
@@ -84,6 +85,30 @@ impl Resources {
             bytes_written: self.bytes_written - before.bytes_written,
             ..self
         }
+    }
+}
+
+/// Figures of a process and of its children that have ended, as every JSON document has them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ProcessFigures {
+    /// Time, s.
+    pub wall_s: f64,
+    /// Largest resident memory, bytes.
+    pub peak_rss_bytes: u64,
+    /// The rest.
+    #[serde(flatten)]
+    pub used: Resources,
+}
+
+impl ProcessFigures {
+    /// Adds a process beside others: the larger peaks, the sums of the rest but time.
+    pub fn add(&mut self, other: &Self) {
+        self.peak_rss_bytes = self.peak_rss_bytes.max(other.peak_rss_bytes);
+        self.used.peak_anon_bytes = self.used.peak_anon_bytes.max(other.used.peak_anon_bytes);
+        self.used.cpu_s += other.used.cpu_s;
+        self.used.bytes_read += other.used.bytes_read;
+        self.used.bytes_written += other.used.bytes_written;
     }
 }
 

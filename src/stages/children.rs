@@ -13,6 +13,7 @@ use serde_json::Value;
 
 use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
+use crate::model::figures::ProcessFigures;
 
 /// How often children are looked at.
 pub const LOOK: Duration = Duration::from_millis(20);
@@ -22,33 +23,6 @@ const GRACE: Duration = Duration::from_secs(5);
 
 /// Last lines of a child's stderr kept to say why it died.
 const LAST_LINES: usize = 8;
-
-/// What children used: the largest peaks, the sums of the rest.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Used {
-    /// Largest resident memory of any child, bytes.
-    pub peak_rss_bytes: u64,
-    /// Largest anonymous memory of any child, bytes.
-    pub peak_anon_bytes: u64,
-    /// Processor time, s.
-    pub cpu_s: f64,
-    /// Bytes read.
-    pub bytes_read: u64,
-    /// Bytes written.
-    pub bytes_written: u64,
-}
-
-impl Used {
-    /// Adds what a child says in its JSON document.
-    fn add(&mut self, document: &Value) {
-        let number = |key: &str| document.get(key).and_then(Value::as_u64).unwrap_or(0);
-        self.peak_rss_bytes = self.peak_rss_bytes.max(number("peak_rss_bytes"));
-        self.peak_anon_bytes = self.peak_anon_bytes.max(number("peak_anon_bytes"));
-        self.cpu_s += document.get("cpu_s").and_then(Value::as_f64).unwrap_or(0.0);
-        self.bytes_read += number("bytes_read");
-        self.bytes_written += number("bytes_written");
-    }
-}
 
 /// How a child ended.
 #[derive(Debug)]
@@ -125,12 +99,13 @@ impl Running {
     }
 
     /// How it ended, if it has; adds what it used and passes its warnings on.
-    pub fn ended(&mut self, used: &mut Used, progress: &dyn Progress) -> Result<Option<Ended>> {
+    pub fn ended(&mut self, used: &mut ProcessFigures, progress: &dyn Progress) -> Result<Option<Ended>> {
         let status = self.child.try_wait().map_err(|e| Error::failed(format!("a child process: {e}"), "run again"))?;
         let Some(status) = status else { return Ok(None) };
         let document = self.document.take().and_then(|h| h.join().ok()).unwrap_or(Value::Null);
         let (error, lines) = self.complaints.take().and_then(|h| h.join().ok()).unwrap_or_default();
-        used.add(&document);
+        // A child that died says nothing.
+        used.add(&ProcessFigures::deserialize(&document).unwrap_or_default());
         for warning in document.get("warnings").and_then(Value::as_array).into_iter().flatten() {
             progress.warn(warning.as_str().unwrap_or_default());
         }
@@ -180,7 +155,7 @@ fn verdict(status: ExitStatus, error: Option<ExitError>, lines: &[String]) -> En
 
 /// Lets interrupted children stop by themselves (a terminal interrupts the whole process group),
 /// then ends those that have not.
-pub fn stop(mut children: Vec<Running>, used: &mut Used, progress: &dyn Progress) -> Result<()> {
+pub fn stop(mut children: Vec<Running>, used: &mut ProcessFigures, progress: &dyn Progress) -> Result<()> {
     let end = Instant::now() + GRACE;
     while !children.is_empty() && Instant::now() < end {
         let mut left = Vec::new();
@@ -200,8 +175,8 @@ mod tests {
     use super::*;
     use crate::base::Quiet;
 
-    fn run(script: &str) -> (Ended, Used) {
-        let mut used = Used::default();
+    fn run(script: &str) -> (Ended, ProcessFigures) {
+        let mut used = ProcessFigures::default();
         let args = ["-c", script, "sh"].map(OsString::from);
         let mut child = Running::start(Path::new("/bin/sh"), &args).unwrap();
         loop {
@@ -215,7 +190,7 @@ mod tests {
     #[test]
     fn a_child_s_figures_errors_and_deaths_are_told_apart() {
         let (ended, used) = run(r#"echo '{"peak_anon_bytes": 7, "cpu_s": 0.5}'"#);
-        assert!(matches!(ended, Ended::Done) && used.peak_anon_bytes == 7 && used.cpu_s == 0.5);
+        assert!(matches!(ended, Ended::Done) && used.used.peak_anon_bytes == 7 && used.used.cpu_s == 0.5);
         let (ended, _) =
             run(r#"echo '{"message_type":"exit_error","code":14,"message":"too large","help":"less"}' >&2; exit 14"#);
         assert!(matches!(ended, Ended::Failed(Error::TooLarge { .. })), "{ended:?}");

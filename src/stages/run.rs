@@ -9,10 +9,12 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::children::{self, Ended, LOOK, Running, Used};
+use super::children::{self, Ended, LOOK, Running};
 use super::{entry, ingest, merge, solve_group};
+use crate::base::memory::status_bytes;
 use crate::base::text::for_shell;
 use crate::base::{Error, Progress, Result};
+use crate::model::figures::{ProcessFigures, Resources};
 use crate::model::order::UpdateOrder;
 use crate::store::merging::TaskState;
 use crate::store::{Iteration, RunLock, Store, folder};
@@ -95,7 +97,7 @@ pub struct Summary {
     pub failed_groups: Vec<u32>,
     /// What the children used; the command line adds its own.
     #[serde(skip)]
-    pub used: Used,
+    pub used: ProcessFigures,
 }
 
 impl super::summary::Summary for Summary {
@@ -163,7 +165,8 @@ fn run(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     if !options.is_fresh() {
         entry::trust_rows(&store)?;
     }
-    let mut coordinator = Coordinator { options, store: &store, progress, used: Used::default(), anon_bytes: 0 };
+    let mut coordinator =
+        Coordinator { options, store: &store, progress, used: ProcessFigures::default(), anon_bytes: 0 };
     if let Some(args) = &options.ingest {
         coordinator.stage("ingest", args)?;
     }
@@ -195,7 +198,7 @@ struct Coordinator<'a> {
     options: &'a Options,
     store: &'a Store,
     progress: &'a dyn Progress,
-    used: Used,
+    used: ProcessFigures,
     anon_bytes: u64,
 }
 
@@ -203,7 +206,7 @@ impl Coordinator<'_> {
     /// Sleeps a little between looks at the children.
     fn rest(&mut self) {
         std::thread::sleep(LOOK);
-        self.anon_bytes = self.anon_bytes.max(anon_bytes());
+        self.anon_bytes = self.anon_bytes.max(status_bytes("RssAnon:"));
     }
 
     /// Runs a stage to its end, again if it dies.
@@ -254,7 +257,7 @@ impl Coordinator<'_> {
             if iteration.converged || ended >= self.options.max_iterations {
                 return Ok((branch, Vec::new()));
             }
-            let (started, before) = (Instant::now(), self.used);
+            let (started, before) = (Instant::now(), self.used.used);
             let failed = self.solve(&iteration)?;
             if !failed.is_empty() {
                 return Ok((branch, failed));
@@ -286,14 +289,14 @@ impl Coordinator<'_> {
     }
 
     /// Records what an iteration took.
-    fn record(&self, branch: u64, wall_s: f64, before: Used) -> Result<()> {
+    fn record(&self, branch: u64, wall_s: f64, before: Resources) -> Result<()> {
         let version = Some(self.store.newest_of_branch(branch)?.id);
-        let used = self.used;
+        let used = self.used.used.since(&before);
         let figures = [
             ("iteration_wall", wall_s, "s"),
-            ("iteration_cpu", used.cpu_s - before.cpu_s, "s"),
-            ("iteration_read", (used.bytes_read - before.bytes_read) as f64, "bytes"),
-            ("iteration_written", (used.bytes_written - before.bytes_written) as f64, "bytes"),
+            ("iteration_cpu", used.cpu_s, "s"),
+            ("iteration_read", used.bytes_read as f64, "bytes"),
+            ("iteration_written", used.bytes_written as f64, "bytes"),
             ("worker_peak_anon", used.peak_anon_bytes as f64, "bytes"),
         ];
         figures.iter().try_for_each(|(name, value, unit)| self.store.put_metric("run", version, name, *value, unit))
@@ -387,11 +390,4 @@ fn died(name: &str, how: &str) -> Error {
         format!("{name} died {DEATHS} times, last with {how}"),
         format!("run `clerestory {name}` by itself with -v to see why"),
     )
-}
-
-/// Anonymous memory of this process, bytes; 0 where the kernel does not say.
-fn anon_bytes() -> u64 {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
-    let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"));
-    line.and_then(|l| l.trim().trim_end_matches(" kB").parse::<u64>().ok()).map_or(0, |kib| kib << 10)
 }
