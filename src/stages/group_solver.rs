@@ -100,12 +100,7 @@ impl Default for SidesCache {
 
 impl SidesCache {
     fn of(&self, view: &ClusterView<'_>, scene: &RayScene<'_>) -> Rc<Sides> {
-        if let Some(known) = self.0.borrow_mut().get(&view.id.0) {
-            return known.clone();
-        }
-        let sides = Rc::new(Sides::of(view, scene));
-        self.0.borrow_mut().put(view.id.0, sides.clone());
-        sides
+        self.0.borrow_mut().get_or_insert(view.id.0, || Rc::new(Sides::of(view, scene))).clone()
     }
 }
 

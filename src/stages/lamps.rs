@@ -69,13 +69,11 @@ impl<'a, 's> LampsInSight<'a, 's> {
     }
 
     fn names_of(&self, id: ClusterId) -> Result<Names> {
-        if let Some(known) = self.names.borrow_mut().get(&id.0) {
-            return Ok(known.clone());
-        }
-        let (mut visible, emitters) = (self.set.visible(id)?.0, self.set.emitters()?);
-        visible.retain(|cluster| emitters.any_of(cluster.0));
-        let names = Rc::new(visible);
-        self.names.borrow_mut().put(id.0, names.clone());
-        Ok(names)
+        let look = || {
+            let (mut visible, emitters) = (self.set.visible(id)?.0, self.set.emitters()?);
+            visible.retain(|cluster| emitters.any_of(cluster.0));
+            Ok(Rc::new(visible))
+        };
+        self.names.borrow_mut().try_get_or_insert(id.0, look).cloned()
     }
 }

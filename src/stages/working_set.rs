@@ -131,12 +131,8 @@ impl<'s> WorkingSet<'s> {
 
     /// A cluster.
     pub fn mapped(&self, id: ClusterId) -> Result<Rc<MappedCluster>> {
-        if let Some(known) = self.clusters.borrow_mut().get(&id.0) {
-            return Ok(known.clone());
-        }
-        let loaded = Rc::new(MappedCluster::load(&self.snapshot, id)?);
-        self.clusters.borrow_mut().put(id.0, loaded.clone());
-        Ok(loaded)
+        let load = || MappedCluster::load(&self.snapshot, id).map(Rc::new);
+        self.clusters.borrow_mut().try_get_or_insert(id.0, load).cloned()
     }
 
     /// Clusters that `id` may exchange light with, ascending, and how that was found.
