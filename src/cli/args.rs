@@ -3,12 +3,37 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::values::{PictureSize, Triple, degrees, length, memory, seconds, share, size};
 use crate::base::memory::MemoryBudget;
+use crate::model::order::UpdateOrder;
 use crate::model::solve_options::InnerOption;
+use crate::stages::ingest::Units;
+use crate::stages::partition::Method;
 use crate::stages::solve_group::Policy;
+
+/// Values of flags that other rooms name; what these say of them is no part of the help.
+macro_rules! by_name {
+    ($($values:ty: $($value:ident),+;)+) => {$(
+        impl ValueEnum for $values {
+            fn value_variants<'a>() -> &'a [Self] {
+                &[$(Self::$value),+]
+            }
+
+            fn to_possible_value(&self) -> Option<PossibleValue> {
+                Some(PossibleValue::new(self.name()))
+            }
+        }
+    )+};
+}
+
+by_name! {
+    Units: M, Cm, Mm, In, Ft;
+    Method: Merge, Split, Region, Random;
+    UpdateOrder: Jacobi, Replace, Sequential;
+}
 
 /// Largest number that the catalogue holds.
 const MOST: u64 = i64::MAX as u64;
@@ -155,7 +180,7 @@ pub struct RunArgs {
     pub visibility: VisibilityFlags,
     /// Group clusters by
     #[arg(long, value_name = "METHOD", help_heading = "Partition")]
-    pub partition: Option<GroupMethod>,
+    pub partition: Option<Method>,
     #[command(flatten)]
     pub groups: GroupsFlag,
     #[command(flatten)]
@@ -229,15 +254,6 @@ pub struct IngestFlags {
 }
 
 #[derive(ValueEnum, Clone, Copy, Debug)]
-pub enum Units {
-    M,
-    Cm,
-    Mm,
-    In,
-    Ft,
-}
-
-#[derive(ValueEnum, Clone, Copy, Debug)]
 pub enum Up {
     Auto,
     Y,
@@ -292,7 +308,7 @@ pub struct PartitionArgs {
     pub store: PathBuf,
     /// Group clusters by [default: merge, or as they are]
     #[arg(long)]
-    pub method: Option<GroupMethod>,
+    pub method: Option<Method>,
     #[command(flatten)]
     pub groups: GroupsFlag,
     #[command(flatten)]
@@ -304,14 +320,6 @@ pub struct GroupsFlag {
     /// Least number of groups [default: from the model and --memory]
     #[arg(long, value_name = "N", help_heading = "Partition", value_parser = clap::value_parser!(u32).range(1..))]
     pub groups: Option<u32>,
-}
-
-#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GroupMethod {
-    Merge,
-    Split,
-    Region,
-    Random,
 }
 
 #[derive(Args, Debug)]
@@ -372,7 +380,7 @@ pub struct SolveFlags {
     /// When updates become versions: jacobi: all groups of an iteration at once; replace: one by one;
     /// sequential: Gauss-Seidel
     #[arg(long, default_value = "jacobi")]
-    pub order: Order,
+    pub order: UpdateOrder,
 }
 
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
@@ -387,13 +395,6 @@ pub enum Quality {
 pub enum LinkStorage {
     Keep,
     Discard,
-}
-
-#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    Jacobi,
-    Replace,
-    Sequential,
 }
 
 #[derive(Args, Debug)]

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::args::{
-    AuditArgs, Cli, Common, Emit, ExportArgs, GroupMethod, IngestArgs, IngestFlags, LinkStorage, MergeArgs, Order,
-    PartitionArgs, Quality, RenderArgs, RunArgs, SampleArgs, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs,
-    StatusArgs, StoreArgs, Units, Up, Verb, VisibilityArgs,
+    AuditArgs, Cli, Common, Emit, ExportArgs, IngestArgs, IngestFlags, LinkStorage, MergeArgs, PartitionArgs, Quality,
+    RenderArgs, RunArgs, SampleArgs, ScheduleFlags, Sides, SolveFlags, SolveGroupArgs, StatusArgs, StoreArgs, Up, Verb,
+    VisibilityArgs,
 };
 use super::report::Report;
 use super::resources::Watch;
@@ -18,7 +18,6 @@ use super::{args::GcArgs, pages};
 use crate::base::memory::MemoryBudget;
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Progress, Result};
-use crate::model::order::UpdateOrder;
 use crate::stages::output::{self, Output};
 use crate::stages::{
     audit, check, entry, export, gc, ingest, merge, partition, render, run, sample, sample_files, settings,
@@ -83,13 +82,7 @@ fn ingest_options(store: PathBuf, models: Vec<PathBuf>, flags: &IngestFlags, com
     ingest::Options {
         store,
         models,
-        units: match flags.units {
-            Units::M => ingest::Units::M,
-            Units::Cm => ingest::Units::Cm,
-            Units::Mm => ingest::Units::Mm,
-            Units::In => ingest::Units::In,
-            Units::Ft => ingest::Units::Ft,
-        },
+        units: flags.units,
         up: match flags.up {
             Up::Auto => None,
             Up::Y => Some('y'),
@@ -151,8 +144,7 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
 
 fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     let store = entry::open(&args.store, common.wait)?;
-    let options =
-        partition::Options { method: args.method.map(group_method), groups: args.groups.groups, memory: common.memory };
+    let options = partition::Options { method: args.method, groups: args.groups.groups, memory: common.memory };
     if args.writing.dry_run {
         let plan = partition::plan(&store, &options)?;
         let what = if plan.done && !args.writing.fresh {
@@ -170,15 +162,6 @@ fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> 
     remember(context, "partition", &args.store, common.wait)?;
     let next = Some(format!("clerestory solve-group {} --until-done", for_shell(&args.store)));
     Ok(Report { next, ..Report::new("partition", args.store, &summary, summaries::partition(&summary)) })
-}
-
-fn group_method(method: GroupMethod) -> partition::Method {
-    match method {
-        GroupMethod::Merge => partition::Method::Merge,
-        GroupMethod::Split => partition::Method::Split,
-        GroupMethod::Region => partition::Method::Region,
-        GroupMethod::Random => partition::Method::Random,
-    }
 }
 
 /// `--tolerance`, or that of `--quality`.
@@ -209,15 +192,10 @@ pub fn solve_options(
         },
         seed,
     };
-    let order = match flags.order {
-        Order::Jacobi => UpdateOrder::Jacobi,
-        Order::Replace => UpdateOrder::Replace,
-        Order::Sequential => UpdateOrder::Sequential,
-    };
     solve_group::Options {
         which,
         version,
-        settings: solve_group::SolveSettings { options, order },
+        settings: solve_group::SolveSettings { options, order: flags.order },
         link_cache_bytes: flags.link_cache,
         schedule: schedule.policy(),
         memory,
