@@ -81,7 +81,7 @@ pub const CHECKED_ANYWHERE: f64 = 0.2;
 pub const CHECKED: f64 = 0.03;
 
 /// Places measured anew in a group, at least.
-pub const LEAST_CHECKED: f64 = 64.0;
+pub const LEAST_CHECKED: f64 = 32.0;
 
 // Points of `sample`, and paths.
 
