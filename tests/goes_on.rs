@@ -75,13 +75,16 @@ fn what_begins_or_ceases_to_emit_on_a_solved_store_gives_the_light_of_a_fresh_on
 }
 
 #[test]
-fn a_lamp_that_is_dimmed_up_a_thousandfold_is_found_by_all_that_see_it() {
-    let dir = scene();
-    materials(dir.path(), "Ke 10 10 9", "Ke 0.01 0.01 0.009", "");
-    assert_eq!(finish(&mut run(dir.path(), &[])).0, 0);
-    materials(dir.path(), "Ke 10 10 9", "Ke 10 10 9", "");
-    let (here, there, _) = beside_fresh(dir.path(), &[]);
-    assert!((watts(&here) / watts(&there) - 1.0).abs() < 0.01, "{} of {} W", watts(&here), watts(&there));
+fn rows_stay_where_lamps_change_little_beside_each_other_and_a_lamp_a_thousand_times_as_bright_is_found() {
+    for (dim, starts_afresh) in [("Ke 0.01 0.01 0.009", true), ("Ke 2 2 1.8", true), ("Ke 4 4 3.6", false)] {
+        let dir = scene();
+        materials(dir.path(), "Ke 10 10 9", dim, "");
+        assert_eq!(finish(&mut run(dir.path(), &[])).0, 0);
+        materials(dir.path(), "Ke 10 10 9", "Ke 10 10 9", "");
+        let (here, there, fresh) = beside_fresh(dir.path(), &[]);
+        assert!((watts(&here) / watts(&there) - 1.0).abs() < 0.01, "{dim}: {} of {} W", watts(&here), watts(&there));
+        assert_eq!(light_of(&store(dir.path())) == fresh, starts_afresh, "{dim}");
+    }
 }
 
 #[test]

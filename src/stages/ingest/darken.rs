@@ -10,7 +10,6 @@ use crate::store::Snapshot;
 use crate::transport::light::line::{Fit, Line};
 use crate::transport::nodes::mesh::Mesh;
 use crate::transport::records::encode;
-use crate::transport::row::Part;
 
 /// The radiosity payload of a cluster in the version that brings its new materials.
 pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) -> Result<Vec<u8>> {
@@ -25,8 +24,6 @@ pub fn light_on_known_elements(newest: &Snapshot<'_>, cluster: &ClusterRecords) 
     for element in &mut mesh.elements {
         element.line = Line::default();
     }
-    // Rays to lamps were drawn by what these sent then.
-    mesh.rows.retain(|row| row.part == Part::Indirect);
     for row in &mut mesh.rows {
         row.fit = Fit::default();
     }

@@ -156,7 +156,7 @@ impl Made {
         let mut writers = [create("materials")?, create("light")?, create("light")?];
         let newest = Snapshot::newest(store)?;
         let mut source = self.source(options, scratch);
-        let NewMaterials { totals, mut rows, same_emitters } =
+        let NewMaterials { totals, mut rows, rows_stay } =
             write::write_materials(&mut source, &newest, &mut writers, progress)?;
         let record = record(&recipe, &totals, self.frame);
         if record.input_hash != before.input_hash {
@@ -169,11 +169,10 @@ impl Made {
         }
         let facts = self.facts(options, &totals, old.rays_top);
         warn_if_dark(&totals, progress);
-        // Rows tell emitting sides from others: where other sides emit, nothing of the solution stays.
-        let base = if same_emitters { newest.version() } else { 0 };
+        let base = if rows_stay { newest.version() } else { 0 };
         let [materials, kept, fresh] = writers;
-        let mut used = [materials, if same_emitters { kept } else { fresh }];
-        let mut waiting = (0..rows.len()).map(|i| rows.get(i).map(|row| row.row(same_emitters)));
+        let mut used = [materials, if rows_stay { kept } else { fresh }];
+        let mut waiting = (0..rows.len()).map(|i| rows.get(i).map(|row| row.row(rows_stay)));
         let version = store.replace_materials(&facts, &record, base, &mut used, &mut waiting)?;
         Ok(Summary { materials_version: Some(version), ..summary::of(options, store, skipped)? })
     }

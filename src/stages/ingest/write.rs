@@ -303,12 +303,12 @@ fn extent([segment, offset, bytes]: [u64; 3]) -> ExtentRef {
 impl WaitingRow {
     /// For the catalogue, with the light to begin from.
     #[must_use]
-    pub fn row(self, keeps_elements: bool) -> MaterialsRow {
+    pub fn row(self, rows_stay: bool) -> MaterialsRow {
         MaterialsRow {
             id: ClusterId(self.cluster),
             emitters: self.emitters,
             materials: extent(self.materials),
-            radiosity: extent(self.radiosity[usize::from(!keeps_elements)]),
+            radiosity: extent(self.radiosity[usize::from(!rows_stay)]),
         }
     }
 }
@@ -319,8 +319,9 @@ pub struct NewMaterials {
     pub totals: Totals,
     /// A row for every cluster.
     pub rows: RecordFile<WaitingRow>,
-    /// Whether the sides that emit are those of the newest version.
-    pub same_emitters: bool,
+    /// Whether rows of the newest version stay: they tell sides that emit from others, and rays to lamps were drawn by what
+    /// these sent.
+    pub rows_stay: bool,
 }
 
 /// Writes materials (first writer) and light: on the elements that a cluster has (second) and on none but its sides
@@ -333,10 +334,10 @@ pub fn write_materials(
 ) -> Result<NewMaterials> {
     let mut totals = Totals::default();
     let mut rows = RecordFile::create(source.scratch.0, "rows", 0)?;
-    let mut same_emitters = true;
+    let mut powers = Some([f64::INFINITY, 0.0]);
     for_each(source, progress, &mut totals, |_, records, _| {
         let id = records.head.cluster;
-        same_emitters &= emits_as_before(newest, records)?;
+        powers = powers_beside(newest, records, powers)?;
         let light = [
             kept.append(ExtentKind::Radiosity, id, &light_on_known_elements(newest, records)?)?,
             fresh.append(ExtentKind::Radiosity, id, &records.light_at_start())?,
@@ -348,15 +349,33 @@ pub fn write_materials(
             emitters: records.emitters(),
         })
     })?;
-    Ok(NewMaterials { totals, rows, same_emitters })
+    let rows_stay = powers.is_some_and(|[least, most]| most <= ALIKE * least);
+    Ok(NewMaterials { totals, rows, rows_stay })
 }
 
-/// Whether just those sides of a cluster emit that do in a version.
-fn emits_as_before(version: &Snapshot<'_>, cluster: &ClusterRecords) -> Result<bool> {
-    let Some(before) = version.extent(ExtentKind::Materials, ClusterId(cluster.head.cluster))? else {
-        return Ok(false);
+/// How far apart the changes of lamps' powers may lie: rays are drawn to those that were bright, and what was dim beside them
+/// and is bright now would be missed.
+const ALIKE: f64 = 4.0;
+
+/// The least and the most of `powers` and of the lamps of a cluster relative to what they were in a version; `None` if other
+/// sides emitted there.
+fn powers_beside(
+    version: &Snapshot<'_>,
+    cluster: &ClusterRecords,
+    powers: Option<[f64; 2]>,
+) -> Result<Option<[f64; 2]>> {
+    let (Some(powers), Some(before)) =
+        (powers, version.extent(ExtentKind::Materials, ClusterId(cluster.head.cluster))?)
+    else {
+        return Ok(None);
     };
     let sides: &[SideMaterial] = before.parse(|payload| Arrays::new(payload).get(0))?;
-    let emits = |side: &SideMaterial| side.exitance != [0.0; 3];
-    Ok(sides.iter().map(emits).eq(cluster.materials.iter().map(emits)))
+    if sides.len() != cluster.materials.len() {
+        return Ok(None);
+    }
+    let power = |side: &SideMaterial| Rgb::from_f32(side.exitance).norm_squared().sqrt();
+    let both = sides.iter().zip(&cluster.materials).map(|(before, now)| (power(before), power(now)));
+    Ok(both.filter(|both| *both != (0.0, 0.0)).try_fold(powers, |[least, most], (before, now)| {
+        (before > 0.0 && now > 0.0).then(|| [least.min(now / before), most.max(now / before)])
+    }))
 }
