@@ -109,6 +109,9 @@ pub const ADDS_UP: f64 = 0.001;
 /// nothing: where reflectance is high it is a bias of everything alike.
 pub const STILL: f64 = 0.1;
 
+/// Share of what leaves that rows may miss, in tolerances; more is wrong, not rough.
+pub const MOST_MISSED: f64 = 0.5;
+
 /// Four times the links along hard edges of shadows leave 0.7 of the estimate; one that stays above this share has not
 /// fallen, however few places tell.
 pub const FALLS: f64 = 0.95;
@@ -125,7 +128,7 @@ pub const KEPT: f64 = 0.8;
 /// Share of the tolerance up to which what few rows have wrong together, and no place tells, may go round.
 pub const TOGETHER: f64 = 0.25;
 
-/// Energy balance beyond which light that no longer changes is wrong, not rough: twice what is promised.
+/// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
 pub const BALANCED: f64 = 0.01;
 
 /// What is left to change within a group, relative to what the last iteration changed.

@@ -99,7 +99,7 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
     });
     // Nothing is to be gained where it adds up; what is off by more is wrong, not rough.
     let adds_up = |c: usize| (after[c] - before[c]).abs() * gone_w[c] <= numbers::ADDS_UP * emitted_w[c];
-    let is_rough = after.iter().all(|gain| (gain - 1.0).abs() <= numbers::BALANCED);
+    let is_rough = after.iter().all(|gain| (gain - 1.0).abs() <= numbers::MOST_MISSED * tolerance);
     if is_rough && !(0..3).all(adds_up) { after } else { before }
 }
 
