@@ -9,3 +9,4 @@ pub mod polygon;
 pub mod quadtree;
 pub mod sequence;
 pub mod split;
+pub mod triangulation;

@@ -1,14 +1,13 @@
 //! The leaves of a cluster's quadtrees with their light, in order of name.
 
 use bytemuck::Zeroable;
-use glam::DVec3;
 
 use crate::base::{NodeName, PatchSide, Rgb};
-use crate::geom::grid::{GridPoint, element_corners};
+use crate::geom::grid::GridPoint;
 use crate::geom::polygon::Polygon;
-use crate::geom::quadtree::{element_polygon, patch_polygon};
+use crate::geom::quadtree::element_polygon;
 use crate::model::light::ElementLight;
-use crate::transport::light::at::SideLights;
+use crate::transport::light::at::{SideLights, Vertex};
 use crate::transport::light::line::Line;
 use crate::transport::source::ClusterView;
 
@@ -92,7 +91,6 @@ impl SideMesh {
         let lines = in_order(lines_of_side(view, at));
         let leaves = of_lines(view, at, &lines);
         let first = leaves.first()?;
-        let patch = patch_polygon(&view.geometry.patches[usize::from(at.patch)]);
         let light = lights.of(&view.geometry, at, |side| lines_of_side(view, side));
         let material = &view.materials[at.index()];
         let (rho, exitance) = (Rgb::from_f32(material.rho), Rgb::from_f32(material.exitance));
@@ -104,36 +102,30 @@ impl SideMesh {
             leaves: leaves.len() as u64,
         };
         for leaf in &leaves {
-            let values = light.at_corners(leaf.name);
-            let (points, count) = element_corners(&patch, leaf.name.path());
             let is_back = leaf.name.patch_side().side == 1;
-            // Corners of a back run the other way round.
-            let of = |i: usize| if is_back { count - 1 - i % count } else { i % count };
-            let corners = leaf.shape.corners();
-            let mut vertex = |at: Option<GridPoint>, place: DVec3, arrives: Rgb| {
+            let front = if is_back { leaf.shape.reversed() } else { leaf.shape };
+            let (outline, triangles) = light.outline(leaf.name, &front);
+            let mut vertex = |of: &Vertex| {
                 let next = mesh.vertices.len() as u32;
-                let number = at.map_or(next, |at| *known.entry(at).or_insert(next));
+                let number = of.point.map_or(next, |at| *known.entry(at).or_insert(next));
                 if number == next {
-                    mesh.vertices.push((place.to_array(), exitance + rho.times(arrives)));
+                    mesh.vertices.push((of.place.to_array(), exitance + rho.times(of.light)));
                 }
                 number
             };
-            let mut outline = Vec::with_capacity(count);
-            for i in 0..count {
-                outline.push(vertex(Some(points[of(i)]), corners[i], values[of(i)]));
-                let to = corners[(i + 1) % count] - corners[i];
-                for between in light.between(leaf.name, points[of(i)], points[of(i + 1)]) {
-                    outline.push(vertex(between.point, corners[i] + to * between.along, between.light));
+            let numbers: Vec<u32> = outline.iter().map(&mut vertex).collect();
+            let faces: Vec<Vec<u32>> = if triangles.is_empty() {
+                vec![numbers]
+            } else {
+                triangles.iter().map(|of| of.iter().map(|&i| numbers[i]).collect()).collect()
+            };
+            for mut face in faces {
+                // Corners of a back run the other way round.
+                if is_back {
+                    face.reverse();
                 }
+                mesh.faces.push((leaf.name, face));
             }
-            if outline.len() == count {
-                mesh.faces.push((leaf.name, outline));
-                continue;
-            }
-            let mean = values[..count].iter().fold(Rgb::BLACK, |sum, value| sum + *value) * (1.0 / count as f64);
-            let middle = vertex(None, leaf.shape.centre(), mean);
-            let next = |i: usize| outline[(i + 1) % outline.len()];
-            mesh.faces.extend((0..outline.len()).map(|i| (leaf.name, vec![middle, outline[i], next(i)])));
         }
         Some(mesh)
     }

@@ -13,6 +13,7 @@ use hashbrown::HashMap;
 use crate::base::{NodeName, PatchSide, Rgb};
 use crate::geom::grid::{GridPoint, element_corners, places_on_edges};
 use crate::geom::polygon::Polygon;
+use crate::geom::triangulation::triangles;
 use crate::model::geometry::GeometryView;
 use crate::transport::light::line::Line;
 use crate::transport::light::sheet::{OnEdge, Sheet, SheetLeaf, around, mean};
@@ -58,16 +59,19 @@ struct Smooth {
     beyond: Vec<(usize, f64, Rgb)>,
 }
 
-/// A corner of smaller leaves on a leaf's edge.
+/// A corner of a leaf, or of smaller leaves on its edge.
 #[derive(Clone, Copy)]
-pub struct Between {
+pub struct Vertex {
     /// Where, if leaves of the same patch have it.
     pub point: Option<GridPoint>,
-    /// How far along the edge, as a share.
-    pub along: f64,
+    /// The place, m.
+    pub place: DVec3,
     /// W/m2.
     pub light: Rgb,
 }
+
+/// What lies between two corners of a leaf's edge: how far along it, as a share, where on the grid, W/m2.
+type Between = (f64, Option<GridPoint>, Rgb);
 
 impl SideLight {
     /// Of a side and those it is joined to; `leaves` of each, in any order that is always the same.
@@ -131,40 +135,28 @@ impl SideLight {
         &self.sheets[at.expect("one of these patches")]
     }
 
-    /// Values at a leaf's corners, W/m2, in the winding of the front.
+    /// The corners of a leaf, and those that smaller leaves have on its edges, in the winding of the front; with triangles
+    /// between them if there are such. `shape`: the leaf's, in that winding.
     #[must_use]
-    pub fn at_corners(&self, leaf: NodeName) -> [Rgb; 4] {
+    pub fn outline(&self, leaf: NodeName, shape: &Polygon) -> (Vec<Vertex>, Vec<[usize; 3]>) {
         let sheet = self.sheet(leaf.patch_side().patch);
-        element_corners(&sheet.shape, leaf.path()).0.map(|point| sheet.at(point))
-    }
-
-    /// Corners of smaller leaves that lie between two corners of a leaf's edge, in order.
-    #[must_use]
-    pub fn between(&self, leaf: NodeName, from: GridPoint, to: GridPoint) -> Vec<Between> {
-        self.sheet(leaf.patch_side().patch).between(from, to)
+        let (points, count) = element_corners(&sheet.shape, leaf.path());
+        sheet.outline(&points[..count], shape)
     }
 
     /// The light at a point of a leaf, W/m2. `shape`: the leaf's, in the winding of the front.
     #[must_use]
     pub fn at(&self, leaf: NodeName, shape: &Polygon, point: DVec3) -> Rgb {
-        let sheet = self.sheet(leaf.patch_side().patch);
-        let (points, count) = element_corners(&sheet.shape, leaf.path());
-        let (corners, around) = (shape.corners(), sheet.outline(&points[..count]));
-        if around.len() > count {
-            // As a mesh has it: between the corners of the triangle about the middle that holds the point.
-            let (middle, mean) = (shape.centre(), mean_of_corners(&around));
-            let place = |i: usize| corners[around[i].0].lerp(corners[(around[i].0 + 1) % count], around[i].1);
-            let in_triangle = |i: usize| {
-                let next = (i + 1) % around.len();
-                let weights = area_weights([middle, place(i), place(next)], point);
-                let light = mean * weights[0] + around[i].2 * weights[1] + around[next].2 * weights[2];
-                (weights.into_iter().fold(f64::INFINITY, f64::min), light)
-            };
-            let triangles = (0..around.len()).map(in_triangle);
-            return triangles.reduce(|a, b| if b.0 > a.0 { b } else { a }).expect("a leaf has corners").1;
+        let (outline, triangles) = self.outline(leaf, shape);
+        let between = |weights: &mut dyn Iterator<Item = (f64, usize)>| {
+            weights.fold(Rgb::BLACK, |sum, (weight, i)| sum + outline[i].light * weight)
+        };
+        let in_triangle = |triangle: [usize; 3]| (area_weights(triangle.map(|i| outline[i].place), point), triangle);
+        let least = |weights: [f64; 3]| weights.into_iter().fold(f64::INFINITY, f64::min);
+        match triangles.into_iter().map(in_triangle).reduce(|a, b| if least(b.0) > least(a.0) { b } else { a }) {
+            Some((weights, triangle)) => between(&mut weights.into_iter().zip(triangle)),
+            None => between(&mut mean_value_weights(shape.corners(), point).into_iter().zip(0..outline.len())),
         }
-        let weights = mean_value_weights(corners, point);
-        weights.into_iter().zip(&around).fold(Rgb::BLACK, |sum, (weight, corner)| sum + corner.2 * weight)
     }
 }
 
@@ -214,7 +206,7 @@ impl Smooth {
         let along = 0.5 * (from.1 + to.1);
         if let Some(light) = self.corners.get(&middle).filter(|_| middle != from.0 && middle != to.0) {
             self.collect_between([from, (middle, along)], found);
-            found.push(Between { point: Some(middle), along, light: *light });
+            found.push((along, Some(middle), *light));
             self.collect_between([(middle, along), to], found);
         }
     }
@@ -230,48 +222,44 @@ impl Smooth {
         let inside =
             on_edge.map(|(_, at, light)| ((at - from) / (to - from), *light)).filter(|b| b.0 > 0.0 && b.0 < 1.0);
         let first = found.len();
-        found.extend(inside.map(|(along, light)| Between { point: None, along, light }));
-        found[first..].sort_by(|a, b| a.along.total_cmp(&b.along));
+        found.extend(inside.map(|(along, light)| (along, None, light)));
+        found[first..].sort_by(|a, b| a.0.total_cmp(&b.0));
     }
 
-    /// The corners of a leaf, and those that smaller leaves have on its edges: edge, how far along it, light.
-    fn outline(&self, points: &[GridPoint]) -> Vec<(usize, f64, Rgb)> {
-        let mut outline = Vec::with_capacity(points.len());
-        for (i, point) in points.iter().enumerate() {
-            outline.push((i, 0.0, self.at(*point)));
-            let between = self.between(*point, points[(i + 1) % points.len()]);
-            outline.extend(between.into_iter().map(|b| (i, b.along, b.light)));
+    fn outline(&self, points: &[GridPoint], shape: &Polygon) -> (Vec<Vertex>, Vec<[usize; 3]>) {
+        let (n, corners) = (points.len(), shape.corners());
+        let mut outline = Vec::with_capacity(n);
+        for (i, &point) in points.iter().enumerate() {
+            outline.push(Vertex { point: Some(point), place: corners[i], light: self.at(point) });
+            let place = |along: f64| corners[i].lerp(corners[(i + 1) % n], along);
+            let between = self.between(point, points[(i + 1) % n]);
+            outline.extend(between.into_iter().map(|(along, point, light)| Vertex {
+                point,
+                place: place(along),
+                light,
+            }));
         }
-        outline
+        let places: Vec<DVec3> = if outline.len() > n { outline.iter().map(|v| v.place).collect() } else { Vec::new() };
+        (outline, triangles(&places))
     }
 
     /// The integral over a leaf, W.
     fn flux(&self, leaf: &SheetLeaf) -> Rgb {
-        let n = leaf.count;
-        let around = self.outline(&leaf.points[..n]);
-        let mean = mean_of_corners(&around);
-        if around.len() == n {
-            return mean * leaf.area_m2;
+        let (outline, triangles) = self.outline(&leaf.points[..leaf.count], &leaf.shape);
+        let mean =
+            |of: &[usize]| of.iter().fold(Rgb::BLACK, |sum, &i| sum + outline[i].light) * (1.0 / of.len() as f64);
+        if triangles.is_empty() {
+            return mean(&[0, 1, 2, 3][..leaf.count]) * leaf.area_m2;
         }
-        let triangle = |i: usize| {
-            let (here, next) = (&around[i], &around[(i + 1) % around.len()]);
-            let width = if next.0 == here.0 { next.1 } else { 1.0 } - here.1;
-            (mean + here.2 + next.2) * (width / (3.0 * n as f64))
-        };
-        (0..around.len()).map(triangle).fold(Rgb::BLACK, |sum, part| sum + part) * leaf.area_m2
+        let doubled_m2 = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length();
+        let of_triangle = |of: &[usize; 3]| mean(of) * (0.5 * doubled_m2(of.map(|i| outline[i].place)));
+        triangles.iter().map(of_triangle).fold(Rgb::BLACK, |sum, part| sum + part)
     }
 
     fn scale(&mut self, by: Rgb) {
         self.corners.values_mut().for_each(|light| *light = light.times(by));
         self.beyond.iter_mut().for_each(|(.., light)| *light = light.times(by));
     }
-}
-
-/// The mean over the corners of a leaf's own in its outline.
-fn mean_of_corners(outline: &[(usize, f64, Rgb)]) -> Rgb {
-    let corners = outline.iter().filter(|(_, along, _)| *along == 0.0);
-    let (sum, n) = corners.fold((Rgb::BLACK, 0.0), |(sum, n), (.., light)| (sum + *light, n + 1.0));
-    sum * (1.0 / n)
 }
 
 /// Barycentric coordinates of a point in a triangle's plane; one is below 0 outside.

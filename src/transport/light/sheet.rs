@@ -19,6 +19,8 @@ pub struct SheetLeaf {
     pub points: [GridPoint; 4],
     /// How many.
     pub count: usize,
+    /// Its shape, in the winding of the front.
+    pub shape: Polygon,
     /// m2.
     pub area_m2: f64,
     /// What arrives.
@@ -77,7 +79,15 @@ impl Sheet {
                 (*sum, *leaves) = (*sum + predicted(line, centroid, frame.plane(*corner)), *leaves + 1.0);
             }
             let count = element.corners().len();
-            SheetLeaf { depth: name.depth(), points, count, area_m2: element.area(), line: *line, centroid }
+            SheetLeaf {
+                depth: name.depth(),
+                points,
+                count,
+                shape: *element,
+                area_m2: element.area(),
+                line: *line,
+                centroid,
+            }
         };
         let leaves = leaves.iter().map(leaf).collect();
         Self { patch, shape, leaves, sums, frame, stops: Vec::new(), seams: Vec::new() }
