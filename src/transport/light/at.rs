@@ -262,10 +262,13 @@ impl Smooth {
     }
 }
 
-/// Barycentric coordinates of a point in a triangle's plane; one is below 0 outside.
+/// Barycentric coordinates of a point in a triangle's plane; one is below 0 outside, and in a line of three points.
 fn area_weights([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 3] {
     let normal = (b - a).cross(c - a);
     let doubled = normal.length_squared();
+    if doubled == 0.0 {
+        return [-1.0; 3];
+    }
     let share = |from: DVec3, to: DVec3| (to - from).cross(point - from).dot(normal) / doubled;
     [share(b, c), share(c, a), share(a, b)]
 }
@@ -449,6 +452,12 @@ mod tests {
         closed.seams.iter_mut().for_each(|seam| seam.sides = 2);
         assert_eq!(closed.light(0).sides(root(0).patch_side()).count(), 1);
         assert!(jump(&closed, 0.3) > 1.0);
+    }
+
+    #[test]
+    fn no_point_lies_in_a_triangle_that_is_a_line() {
+        let line = [DVec3::ZERO, DVec3::X, DVec3::X];
+        assert!(area_weights(line, DVec3::X * 0.5).into_iter().all(|weight| weight < 0.0));
     }
 
     #[test]
