@@ -130,30 +130,39 @@ fn points_in_a_black_cube_receive_the_form_factor_to_its_floor() {
 }
 
 /// CU3: means of the converged Galerkin solution within the balance, centres within what points may be.
-fn compare_cube(rho: f64, means: [f64; 3], centres: [f64; 3], quality: &str) {
+fn compare_cube(rho: f64, means: [f64; 3], centres: [f64; 3], quality: &str, seeds: u64) {
     let mut wrong = Wrong::default();
-    let solved = solve_with("closed_cube", &grey(rho, &[("emit", 1.0)]), &["--quality", quality]);
-    for (face, (got, expected)) in cube_means(&solved.leaves()).into_iter().zip(means).enumerate() {
-        wrong.relative(&format!("rho {rho}, mean of face {face}"), got, expected, MEAN);
+    let (mut found, mut found_at) = ([0.0; 3], [0.0; 3]);
+    for seed in 1..=seeds {
+        let flags = ["--quality", quality, "--seed", &seed.to_string()];
+        let solved = solve_with("closed_cube", &grey(rho, &[("emit", 1.0)]), &flags);
+        let points = "x,y,z,nx,ny,nz\n0.5,0.5,0,0,0,1\n0.5,0.5,1,0,0,-1\n0,0.5,0.5,1,0,0\n";
+        let (of_faces, arriving) = (cube_means(&solved.leaves()), solved.irradiance_at(points));
+        for face in 0..3 {
+            found[face] += of_faces[face] / seeds as f64;
+            found_at[face] += (rho * arriving[face] + if face == 0 { 1.0 } else { 0.0 }) / seeds as f64;
+        }
     }
-    let points = "x,y,z,nx,ny,nz\n0.5,0.5,0,0,0,1\n0.5,0.5,1,0,0,-1\n0,0.5,0.5,1,0,0\n";
-    let arriving = solved.irradiance_at(points);
-    for (face, expected) in centres.into_iter().enumerate() {
-        let got = rho * arriving[face] + if face == 0 { 1.0 } else { 0.0 };
-        wrong.relative(&format!("rho {rho}, centre of face {face}"), got, expected, POINT);
+    for face in 0..3 {
+        wrong.relative(&format!("rho {rho}, mean of face {face}"), found[face], means[face], MEAN);
+        wrong.relative(&format!("rho {rho}, centre of face {face}"), found_at[face], centres[face], POINT);
     }
     wrong.assert_none();
 }
 
+/// Seeds whose mean is compared at `standard`: what that lets be off differs by 0.26 % from seed to seed for the mean of a
+/// face, half of the limit.
+const SEEDS: u64 = 4;
+
 #[test]
 fn a_cube_has_the_means_and_centres_of_the_continuous_solution() {
-    compare_cube(0.5, [1.10436, 0.17122, 0.18111], [1.0918, 0.1976, 0.1776], "standard");
-    compare_cube(0.8, [1.58751, 0.66098, 0.68788], [1.5523, 0.7131, 0.6837], "final");
+    compare_cube(0.5, [1.10436, 0.17122, 0.18111], [1.0918, 0.1976, 0.1776], "standard", SEEDS);
+    compare_cube(0.8, [1.58751, 0.66098, 0.68788], [1.5523, 0.7131, 0.6837], "final", 1);
 }
 
 #[test]
 fn a_bright_cube_has_the_means_and_centres_of_the_continuous_solution() {
-    compare_cube(0.8, [1.58751, 0.66098, 0.68788], [1.5523, 0.7131, 0.6837], "standard");
+    compare_cube(0.8, [1.58751, 0.66098, 0.68788], [1.5523, 0.7131, 0.6837], "standard", SEEDS);
 }
 
 /// In a closed room where all emits alike, radiosity is exitance / (1 - rho): 0.1 % everywhere.
