@@ -3,7 +3,8 @@
 
 --kills  runs killed (SIGKILL, all processes) at random instants, several a store; then rerun to the end:
          the export must have the bytes of an undisturbed run and `check` must be clean
---late   runs killed at 70 % of a whole run's time: the rerun must take less than 70 % of a whole run
+--late   runs killed at 70 % of a whole run's time: the rerun must take less than 70 % of a whole run; what a run costs at
+         all is half a second, so the model is to take two or more
 
 CLERESTORY names the program. One line per case; exit code 1 if one fails.
 """
