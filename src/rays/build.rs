@@ -47,10 +47,7 @@ fn collapsed(binary: &[Bvh2Node]) -> Vec<RayNode> {
     let mut waiting = vec![(0, 0)];
     while let Some((top, into)) = waiting.pop() {
         let mut within: Vec<u32> = vec![top];
-        let area = |at: u32| {
-            let node = &binary[at as usize];
-            if node.prim_count > 0 { 0.0 } else { node.aabb().half_area() }
-        };
+        let area = |at: u32| binary[at as usize].aabb().half_area();
         while within.len() < 8
             && let Some(largest) = (0..within.len())
                 .filter(|&i| binary[within[i] as usize].prim_count == 0)

@@ -110,10 +110,10 @@ impl Lanes for Plain {
 
     #[inline(always)]
     fn crosses(self, face: &RayPatch, ray: &FaceRay) -> Option<f64> {
-        let axis = |axis: usize| face.corners_m.map(|c| f64::from(c[ray.axes[axis]]) - ray.from[ray.axes[axis]]);
-        let z = axis(2);
+        let off = |axis: usize| face.corners_m.map(|c| f64::from(c[ray.axes[axis]]) - ray.from[ray.axes[axis]]);
+        let z = off(2);
         let sheared = |of: usize| {
-            let across = axis(of);
+            let across = off(of);
             std::array::from_fn(|i| across[i] - ray.shear[of] * z[i])
         };
         let (x, y): ([f64; 4], [f64; 4]) = (sheared(0), sheared(1));
