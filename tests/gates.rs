@@ -13,6 +13,8 @@ mod leaks;
 mod links;
 #[path = "gates/motion.rs"]
 mod motion;
+#[path = "gates/panels.rs"]
+mod panels;
 #[path = "gates/reading.rs"]
 mod reading;
 #[path = "gates/solved.rs"]

@@ -15,7 +15,7 @@ const POINT: f64 = 0.01;
 const LAMP: (f64, f64) = (0.2, 2.4);
 
 /// Adds a square that faces down, by its middle and half its edge.
-fn write_lamp(obj: &mut String, [x, y, z]: [f64; 3], half: f64) {
+pub fn write_lamp(obj: &mut String, [x, y, z]: [f64; 3], half: f64) {
     writeln!(obj, "o lamp\nusemtl lamp").unwrap();
     for (dx, dy) in [(-half, -half), (-half, half), (half, half), (half, -half)] {
         writeln!(obj, "v {} {} {z}", x + dx, y + dy).unwrap();
