@@ -91,24 +91,15 @@ impl SideLight {
             let open = geometry.seams_of(sheet.patch.into()).iter().filter(|s| s.sides >> at.side & 1 == 1);
             sheet.join(&open.copied().collect::<Vec<_>>(), |patch| patches.binary_search(&patch).ok());
         }
-        let mut smooth: Vec<Smooth> = sheets.iter().map(Smooth::of).collect();
-        for sheet in 0..sheets.len() {
-            for (edge, along, point) in sheets[sheet].on_edges() {
-                let places = around(&sheets, OnEdge { sheet, edge, along });
-                if places.len() == 1 {
-                    continue;
-                }
-                let light = mean(&sheets, &places);
-                smooth[sheet].corners.insert(point, light);
-                let elsewhere = |p: &&OnEdge| p.sheet != sheet && !sheets[p.sheet].has_corner(p.edge, p.along);
-                for place in places.iter().filter(elsewhere) {
-                    smooth[place.sheet].beyond.push((place.edge, place.along, light));
-                }
-            }
+        let once = smooth(&sheets);
+        for (sheet, smooth) in sheets.iter_mut().zip(&once) {
+            let missed = |leaf: &SheetLeaf| leaf.line.mean - smooth.flux(leaf) * (1.0 / leaf.area_m2);
+            let missed: Vec<Rgb> = sheet.leaves.iter().map(missed).collect();
+            sheet.make_up(missed);
         }
+        let mut smooth = smooth(&sheets);
         let (mut stored, mut between) = (Rgb::BLACK, Rgb::BLACK);
-        for (smooth, sheet) in smooth.iter_mut().zip(&sheets) {
-            smooth.settle(&sheet.leaves);
+        for (smooth, sheet) in smooth.iter().zip(&sheets) {
             for leaf in &sheet.leaves {
                 (stored, between) = (stored + leaf.line.mean * leaf.area_m2, between + smooth.flux(leaf));
             }
@@ -158,6 +149,27 @@ impl SideLight {
             None => between(&mut mean_value_weights(shape.corners(), point).into_iter().zip(0..outline.len())),
         }
     }
+}
+
+/// What leaves predict together, sheet by sheet.
+fn smooth(sheets: &[Sheet]) -> Vec<Smooth> {
+    let mut smooth: Vec<Smooth> = sheets.iter().map(Smooth::of).collect();
+    for sheet in 0..sheets.len() {
+        for (edge, along, point) in sheets[sheet].on_edges() {
+            let places = around(sheets, OnEdge { sheet, edge, along });
+            if places.len() == 1 {
+                continue;
+            }
+            let light = mean(sheets, &places);
+            smooth[sheet].corners.insert(point, light);
+            let elsewhere = |p: &&OnEdge| p.sheet != sheet && !sheets[p.sheet].has_corner(p.edge, p.along);
+            for place in places.iter().filter(elsewhere) {
+                smooth[place.sheet].beyond.push((place.edge, place.along, light));
+            }
+        }
+    }
+    smooth.iter_mut().zip(sheets).for_each(|(smooth, sheet)| smooth.settle(&sheet.leaves));
+    smooth
 }
 
 impl Smooth {

@@ -25,7 +25,17 @@ pub struct SheetLeaf {
     pub area_m2: f64,
     /// What arrives.
     pub line: Line,
+    /// What it predicts beyond its line, W/m2: see [`Sheet::make_up`].
+    missed: Rgb,
     centroid: Plane,
+}
+
+impl SheetLeaf {
+    /// What it predicts at a place of the patch's plane, W/m2.
+    fn predicts(&self, at: Plane) -> Rgb {
+        let light = self.line.at([at[0] - self.centroid[0], at[1] - self.centroid[1]]) + self.missed;
+        Rgb(light.0.map(|x| x.max(0.0)))
+    }
 }
 
 /// A place on an edge of one of several sheets.
@@ -69,28 +79,41 @@ impl Sheet {
     #[must_use]
     pub fn new(patch: u8, record: &PatchRecord, leaves: &[(NodeName, Line)]) -> Self {
         let (shape, frame) = (patch_polygon(record), Frame::of(record));
-        let mut sums: HashMap<GridPoint, (Rgb, f64)> = HashMap::with_capacity(leaves.len() + leaves.len() / 2);
         let mut descent = Descent::into(&shape);
         let leaf = |(name, line): &(NodeName, Line)| {
             let (element, points) = descent.to(name.path());
-            let centroid = frame.plane(element.centroid());
-            for (point, corner) in points.iter().zip(element.corners()) {
-                let (sum, leaves) = sums.entry(*point).or_default();
-                (*sum, *leaves) = (*sum + predicted(line, centroid, frame.plane(*corner)), *leaves + 1.0);
-            }
-            let count = element.corners().len();
             SheetLeaf {
                 depth: name.depth(),
                 points,
-                count,
+                count: element.corners().len(),
                 shape: *element,
                 area_m2: element.area(),
                 line: *line,
-                centroid,
+                missed: Rgb::BLACK,
+                centroid: frame.plane(element.centroid()),
             }
         };
-        let leaves = leaves.iter().map(leaf).collect();
-        Self { patch, shape, leaves, sums, frame, stops: Vec::new(), seams: Vec::new() }
+        let leaves: Vec<SheetLeaf> = leaves.iter().map(leaf).collect();
+        let sums = HashMap::with_capacity(leaves.len() + leaves.len() / 2);
+        let mut sheet = Self { patch, shape, leaves, sums, frame, stops: Vec::new(), seams: Vec::new() };
+        sheet.sum_up();
+        sheet
+    }
+
+    fn sum_up(&mut self) {
+        for leaf in &self.leaves {
+            for (point, corner) in leaf.points.iter().zip(leaf.shape.corners()) {
+                let (sum, leaves) = self.sums.entry(*point).or_default();
+                (*sum, *leaves) = (*sum + leaf.predicts(self.frame.plane(*corner)), *leaves + 1.0);
+            }
+        }
+    }
+
+    /// Has every leaf predict more by so much, W/m2; in the order of the leaves.
+    pub fn make_up(&mut self, missed: impl IntoIterator<Item = Rgb>) {
+        self.leaves.iter_mut().zip(missed).for_each(|(leaf, missed)| leaf.missed = missed);
+        self.sums.clear();
+        self.sum_up();
     }
 
     /// Takes note of the open seams to the other sheets.
@@ -162,13 +185,8 @@ impl Sheet {
         }
         let corners = self.shape.corners();
         let place = corners[edge].lerp(corners[(edge + 1) % corners.len()], along);
-        let leaf = &self.leaves[last.leaf];
-        (predicted(&leaf.line, leaf.centroid, self.frame.plane(place)), 1.0)
+        (self.leaves[last.leaf].predicts(self.frame.plane(place)), 1.0)
     }
-}
-
-fn predicted(line: &Line, centroid: Plane, at: Plane) -> Rgb {
-    Rgb(line.at([at[0] - centroid[0], at[1] - centroid[1]]).0.map(|x| x.max(0.0)))
 }
 
 /// The places that are one with a place of an edge, over all seams there; itself among them, by sheet.
