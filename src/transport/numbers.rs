@@ -42,7 +42,7 @@ pub const NOISE_OF_MEAN: f64 = 0.25;
 /// As how many more numbers that counts, beside what the halves' means differ by.
 pub const NOISE_KNOWN: f64 = 4.0;
 
-/// Standard errors from which on structure counts as found.
+/// Standard errors from which on structure counts as found; what they are of it is taken off (James and Stein).
 pub const FOUND: f64 = 1.5;
 
 /// Places from which on a line is looked for; fewer have a mean alone.

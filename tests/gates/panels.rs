@@ -108,9 +108,7 @@ fn compare(emit: &str, emits: impl Fn(DVec3) -> bool + Copy) {
     };
     let all: Vec<DVec3> = middles().collect();
     let on_room = |z: f64, up: f64| {
-        move |random: &mut Random| {
-            (DVec3::new(ROOM.x * random.next(), ROOM.y * random.next(), z), DVec3::Z * up)
-        }
+        move |random: &mut Random| (DVec3::new(ROOM.x * random.next(), ROOM.y * random.next(), z), DVec3::Z * up)
     };
     let on_panels = |random: &mut Random| {
         let middle = all[(random.next() * all.len() as f64) as usize];

@@ -1,8 +1,9 @@
 //! The light that a version stores, at any place of a patch side: what export, pictures, `sample --stored` and the checks
 //! of a visit read.
 //!
-//! At corners it is the mean of what the leaves around predict, in a leaf it lies between its corners, and over the side
-//! it has the mean that is stored. A corner on an edge of a larger leaf has what lies on that edge. It reads across
+//! At corners it is the mean of what the leaves around predict, in a leaf it lies between its corners. What leaves miss of
+//! their means then is predicted beside their lines, once: between corners light would be too bright where it is dim
+//! beside what is bright. Over the side it has the mean that is stored. A corner on an edge of a larger leaf has what lies on that edge. It reads across
 //! patches where seams say that nothing stands between them, so never through walls.
 
 use std::rc::Rc;
@@ -395,11 +396,22 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_has_the_mean_of_the_leaves_that_meet_there() {
-        let model = square(quarters(root(0), [0.0, 1.0, 2.0, 3.0]));
+    fn a_corner_has_the_mean_of_the_leaves_that_meet_there_and_what_they_miss() {
+        let model = square(quarters(root(0), [1.0, 2.0, 3.0, 4.0]));
         let light = model.light(0);
-        assert!((model.at(&light, 0, DVec3::new(1.0, 1.0, 0.0)) - 2.0).abs() < 1e-12, "alone");
-        assert!((model.at(&light, 0, DVec3::new(0.5, 0.5, 0.0)) - 1.5).abs() < 1e-12, "of all four");
+        // Between corners that are means alone this leaf has 2.875.
+        assert!((model.at(&light, 0, DVec3::new(1.0, 1.0, 0.0)) - 3.125).abs() < 1e-12, "alone");
+        assert!((model.at(&light, 0, DVec3::new(0.5, 0.5, 0.0)) - 2.5).abs() < 1e-12, "of all four");
+    }
+
+    /// With corners that are means alone the dim half has 0.325.
+    #[test]
+    fn what_is_dim_beside_what_is_bright_stays_dim() {
+        let model = square(quarters(root(0), [0.1, 1.0, 1.0, 0.1]));
+        let light = model.light(0);
+        let mean =
+            (0..50).map(|i| model.at(&light, 0, DVec3::new(0.01 * (f64::from(i) + 0.5), 0.3, 0.0))).sum::<f64>() / 50.0;
+        assert!((0.2..0.28).contains(&mean), "{mean}");
     }
 
     #[test]

@@ -150,7 +150,10 @@ impl Design {
         let noise = of_mean + share * share * by_noise;
         let (structure, structure_error) = (products / freedom + turned_down, squares.sqrt() / freedom);
         let (bend, bend_error) = self.bend(halves);
-        let stands_out = |x: f64, error: f64| if x > numbers::FOUND * error { x } else { 0.0 };
+        let stands_out = |x: f64, error: f64| {
+            let by_chance = numbers::FOUND * error;
+            if x > by_chance { x - by_chance * by_chance / x } else { 0.0 }
+        };
         // Places that differ from each other by more than the halves do are what is looked for.
         let by_chance = (n * (2.0 * structure.max(0.0) * apart + apart * apart)).sqrt() / freedom;
         let found = stands_out(structure, by_chance).max(stands_out(bend, bend_error));
