@@ -123,7 +123,7 @@ pub enum Verb {
     Gc(GcArgs),
     /// Give irradiance and lux at sensor points
     #[command(
-        after_help = "Examples:\n  clerestory sample office.clr --points desk.csv -o lux.csv\n  clerestory sample office.clr --points grid.pts -o -\n  clerestory sample office.clr --points desk.csv --stored -o stored.csv"
+        after_help = "Examples:\n  clerestory sample office.clr --points desk.csv -o lux.csv\n  clerestory sample office.clr --points grid.pts -o - --tolerance 0.005\n  clerestory sample office.clr --points desk.csv --stored -o stored.csv"
     )]
     Sample(SampleArgs),
     /// Measure the stored light anew at random places, and say how far it is off
@@ -508,6 +508,9 @@ pub struct SampleArgs {
     /// surface
     #[arg(long)]
     pub stored: bool,
+    /// Largest error of a gather, relative to what arrives at its point [default: that of the version]
+    #[arg(long, value_name = "T", value_parser = share)]
+    pub tolerance: Option<f64>,
     /// Points this near to a surface that faces their way are on it, others in the open, m or with a unit [default: 1e-5
     /// of the bounding diagonal, at most 1 mm]
     #[arg(long, value_name = "LENGTH", value_parser = length)]

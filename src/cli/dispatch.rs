@@ -318,7 +318,8 @@ fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result
         return Ok(Report::plan("sample", args.store, &format!("sample version {version}")));
     }
     let _process = entry::enter(&store, "sample", Some(version))?;
-    let options = sample::Options { version: Some(version), snap_m: args.snap, is_stored: args.stored };
+    let SampleArgs { snap: snap_m, stored: is_stored, tolerance, .. } = args;
+    let options = sample::Options { version: Some(version), snap_m, is_stored, tolerance };
     let output = Output::create(&args.output.output, args.output.force)?;
     let summary = sample_files::sample(&store, &options, &args.points, output, context.progress)?;
     Ok(Report::new("sample", args.store, &summary, summaries::sample(&summary)).beside(&args.output.output))

@@ -24,6 +24,8 @@ pub struct Options {
     pub snap_m: Option<f64>,
     /// `--stored`.
     pub is_stored: bool,
+    /// `--tolerance`; that of the version if none.
+    pub tolerance: Option<f64>,
 }
 
 /// What came out.
@@ -60,7 +62,8 @@ pub fn execute(
     let set = WorkingSet::open(store, version)?;
     let facts = store.facts()?;
     let branch = store.version(version)?.map_or(0, |row| row.branch);
-    let tolerance = store.options_of_branch(branch)?.map_or(DEFAULT_TOLERANCE, |options| options.tolerance);
+    let of_version = store.options_of_branch(branch)?.map_or(DEFAULT_TOLERANCE, |options| options.tolerance);
+    let tolerance = options.tolerance.unwrap_or(of_version);
     let snap_m = options.snap_m.unwrap_or(facts.snap_m);
     with_scene(&set, |open| {
         let (mut measured, mut stored) =

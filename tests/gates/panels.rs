@@ -92,7 +92,7 @@ fn traced(emits: impl Fn(DVec3) -> bool, paths: u64, place: impl Fn(&mut Random)
 }
 
 /// Solves the room and compares what reaches the tops of its panels, the floor and the ceiling.
-fn compare(emit: &str, emits: impl Fn(DVec3) -> bool + Copy) {
+fn compare(emit: &str, quality: &str, emits: impl Fn(DVec3) -> bool + Copy) {
     let dir = tempfile::tempdir().unwrap();
     let (model, mut obj) = (dir.path().join("panels.obj"), String::new());
     write_box(&mut obj, "wall", (DVec3::ZERO, ROOM), (true, false), |p| p);
@@ -100,7 +100,8 @@ fn compare(emit: &str, emits: impl Fn(DVec3) -> bool + Copy) {
         write_lamp(&mut obj, middle.to_array(), HALF_M);
     }
     std::fs::write(&model, obj).unwrap();
-    let solved = solve_file(&model, Some(&grey(REFLECTANCE, &[("lamp", 1.0)])), &["--emit", emit]);
+    let solved =
+        solve_file(&model, Some(&grey(REFLECTANCE, &[("lamp", 1.0)])), &["--emit", emit, "--quality", quality]);
     let leaves = solved.leaves();
     let level = |height: f64, up: f64| {
         let there = move |l: &&Leaf| (l.centre[2] - height).abs() < 1e-3 && l.normal[2] * up > 0.5;
@@ -128,12 +129,14 @@ fn compare(emit: &str, emits: impl Fn(DVec3) -> bool + Copy) {
     wrong.assert_none();
 }
 
+/// Where only what has come around lights the tops, a fifteenth of the mean, light that fades within centimetres: at
+/// `standard` they are 4 to 9 % too bright.
 #[test]
 fn panels_close_below_a_ceiling_light_their_tops_as_much_as_paths_say() {
-    compare("front", |normal| normal.z < 0.0);
+    compare("front", "final", |normal| normal.z < 0.0);
 }
 
 #[test]
 fn panels_that_shine_both_ways_close_below_a_ceiling_light_it_as_much_as_paths_say() {
-    compare("both", |_| true);
+    compare("both", "standard", |_| true);
 }
