@@ -27,14 +27,53 @@ pub struct SheetLeaf {
     pub line: Line,
     /// What it predicts beyond its line, W/m2: see [`Sheet::make_up`].
     missed: Rgb,
+    /// What its line reaches at its corners, by channel.
+    range: [Rgb; 2],
     centroid: Plane,
 }
 
+fn offset(from: Plane, to: Plane) -> Plane {
+    [to[0] - from[0], to[1] - from[1]]
+}
+
+fn not_negative(light: Rgb) -> Rgb {
+    Rgb(light.0.map(|x| x.max(0.0)))
+}
+
 impl SheetLeaf {
-    /// What it predicts at a place of the patch's plane, W/m2.
-    fn predicts(&self, at: Plane) -> Rgb {
-        let light = self.line.at([at[0] - self.centroid[0], at[1] - self.centroid[1]]) + self.missed;
-        Rgb(light.0.map(|x| x.max(0.0)))
+    /// What it predicts at a place of the patch's plane.
+    fn predicts(&self, at: Plane) -> Predicted {
+        let sum = not_negative(self.line.at(offset(self.centroid, at)) + self.missed);
+        Predicted { sum, leaves: 1.0, range: self.range }
+    }
+}
+
+/// What leaves predict where they meet, W/m2.
+#[derive(Clone, Copy)]
+struct Predicted {
+    sum: Rgb,
+    leaves: f64,
+    /// Of their lines, by channel.
+    range: [Rgb; 2],
+}
+
+/// The least and the most of two ranges.
+fn range_of(one: [Rgb; 2], other: [Rgb; 2]) -> [Rgb; 2] {
+    let of_both =
+        |i: usize, choose: fn(f64, f64) -> f64| Rgb(std::array::from_fn(|c| choose(one[i].0[c], other[i].0[c])));
+    [of_both(0, f64::min), of_both(1, f64::max)]
+}
+
+impl Predicted {
+    fn plus(self, other: Self) -> Self {
+        let range = range_of(self.range, other.range);
+        Self { sum: self.sum + other.sum, leaves: self.leaves + other.leaves, range }
+    }
+
+    /// Their mean; what leaves have missed takes it no farther than their lines reach.
+    fn mean(&self) -> Rgb {
+        let mean = self.sum * (1.0 / self.leaves);
+        Rgb(std::array::from_fn(|c| mean.0[c].clamp(self.range[0].0[c], self.range[1].0[c])))
     }
 }
 
@@ -65,8 +104,8 @@ pub struct Sheet {
     pub shape: Polygon,
     /// Its leaves.
     pub leaves: Vec<SheetLeaf>,
-    /// By corner of leaves: the sum of what those that meet there predict, W/m2, and how many they are.
-    sums: HashMap<GridPoint, (Rgb, f64)>,
+    /// By corner of leaves: what those that meet there predict.
+    predicted: HashMap<GridPoint, Predicted>,
     frame: Frame,
     /// By edge, ascending; no more than corners if no seam needs them.
     stops: Vec<Vec<Stop>>,
@@ -82,6 +121,9 @@ impl Sheet {
         let mut descent = Descent::into(&shape);
         let leaf = |(name, line): &(NodeName, Line)| {
             let (element, points) = descent.to(name.path());
+            let centroid = frame.plane(element.centroid());
+            let reached = element.corners().iter().map(|c| not_negative(line.at(offset(centroid, frame.plane(*c)))));
+            let start = [Rgb::grey(f64::INFINITY), Rgb::BLACK];
             SheetLeaf {
                 depth: name.depth(),
                 points,
@@ -90,21 +132,24 @@ impl Sheet {
                 area_m2: element.area(),
                 line: *line,
                 missed: Rgb::BLACK,
-                centroid: frame.plane(element.centroid()),
+                range: reached.fold(start, |range, light| range_of(range, [light; 2])),
+                centroid,
             }
         };
         let leaves: Vec<SheetLeaf> = leaves.iter().map(leaf).collect();
-        let sums = HashMap::with_capacity(leaves.len() + leaves.len() / 2);
-        let mut sheet = Self { patch, shape, leaves, sums, frame, stops: Vec::new(), seams: Vec::new() };
-        sheet.sum_up();
+        let predicted = HashMap::with_capacity(leaves.len() + leaves.len() / 2);
+        let mut sheet = Self { patch, shape, leaves, predicted, frame, stops: Vec::new(), seams: Vec::new() };
+        sheet.predict();
         sheet
     }
 
-    fn sum_up(&mut self) {
+    fn predict(&mut self) {
+        self.predicted.clear();
         for leaf in &self.leaves {
             for (point, corner) in leaf.points.iter().zip(leaf.shape.corners()) {
-                let (sum, leaves) = self.sums.entry(*point).or_default();
-                (*sum, *leaves) = (*sum + leaf.predicts(self.frame.plane(*corner)), *leaves + 1.0);
+                let predicted = leaf.predicts(self.frame.plane(*corner));
+                let of_all = |before: &mut Predicted| *before = before.plus(predicted);
+                self.predicted.entry(*point).and_modify(of_all).or_insert(predicted);
             }
         }
     }
@@ -112,8 +157,7 @@ impl Sheet {
     /// Has every leaf predict more by so much, W/m2; in the order of the leaves.
     pub fn make_up(&mut self, missed: impl IntoIterator<Item = Rgb>) {
         self.leaves.iter_mut().zip(missed).for_each(|(leaf, missed)| leaf.missed = missed);
-        self.sums.clear();
-        self.sum_up();
+        self.predict();
     }
 
     /// Takes note of the open seams to the other sheets.
@@ -140,7 +184,7 @@ impl Sheet {
     /// By corner of leaves: the mean of what those that meet there predict, W/m2.
     #[must_use]
     pub fn means(&self) -> HashMap<GridPoint, Rgb> {
-        self.sums.iter().map(|(point, (sum, n))| (*point, *sum * (1.0 / n))).collect()
+        self.predicted.iter().map(|(point, predicted)| (*point, predicted.mean())).collect()
     }
 
     /// Corners of leaves on the patch's edges, if it has seams: on which edge, how far along, and where on the grid.
@@ -174,18 +218,18 @@ impl Sheet {
         })
     }
 
-    /// The sum of what the leaves at a place of an edge predict, and how many they are.
-    fn at_edge(&self, edge: usize, along: f64) -> (Rgb, f64) {
+    /// What the leaves at a place of an edge predict.
+    fn at_edge(&self, edge: usize, along: f64) -> Predicted {
         let last = self.stop_before(edge, along);
         if along - last.along <= numbers::SAME {
-            return self.sums[&last.point];
+            return self.predicted[&last.point];
         }
         if 1.0 - along <= numbers::SAME {
             return self.at_edge((edge + 1) % self.stops.len(), 0.0);
         }
         let corners = self.shape.corners();
         let place = corners[edge].lerp(corners[(edge + 1) % corners.len()], along);
-        (self.leaves[last.leaf].predicts(self.frame.plane(place)), 1.0)
+        self.leaves[last.leaf].predicts(self.frame.plane(place))
     }
 }
 
@@ -214,7 +258,6 @@ pub fn around(sheets: &[Sheet], from: OnEdge) -> Vec<OnEdge> {
 /// The mean of what all leaves around such places predict, W/m2.
 #[must_use]
 pub fn mean(sheets: &[Sheet], places: &[OnEdge]) -> Rgb {
-    let sums = places.iter().map(|place| sheets[place.sheet].at_edge(place.edge, place.along));
-    let (sum, n) = sums.fold((Rgb::BLACK, 0.0), |(sum, n), (more, m)| (sum + more, n + m));
-    sum * (1.0 / n)
+    let all = places.iter().map(|place| sheets[place.sheet].at_edge(place.edge, place.along));
+    all.reduce(Predicted::plus).map_or(Rgb::BLACK, |predicted| predicted.mean())
 }
