@@ -167,6 +167,17 @@ fn a_bright_cube_has_the_means_and_centres_of_the_continuous_solution() {
     compare_cube(0.8, [1.58751, 0.66098, 0.68788], [1.5523, 0.7131, 0.6837], "standard", SEEDS);
 }
 
+#[test]
+fn a_gather_takes_the_tolerance_of_its_version_or_its_own() {
+    let solved = solve_with("closed_cube", &grey(0.5, &[("emit", 1.0)]), &["--quality", "preview"]);
+    solved.write("points.csv", "x,y,z,nx,ny,nz\n0.3,0.5,1,0,0,-1\n0,0.4,0.6,1,0,0\n");
+    let with = |flags: &[&str]| {
+        solved.ask(&[&["sample", "s.clr", "--points", "points.csv", "-o", "-", "--quiet"], flags].concat())
+    };
+    assert_eq!(with(&[]), with(&["--tolerance", "0.1"]));
+    assert_ne!(with(&[]), with(&["--tolerance", "0.002"]), "more rays give another answer");
+}
+
 /// In a closed room where all emits alike, radiosity is exitance / (1 - rho): 0.1 % everywhere.
 fn compare_furnaces(reflectances: &[f64], quality: &str) {
     let mut wrong = Wrong::default();

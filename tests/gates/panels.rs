@@ -55,11 +55,11 @@ fn first_hit(from: DVec3, way: DVec3) -> (DVec3, DVec3, bool) {
     }
     let walls = (0..3).filter(|axis| way[*axis] != 0.0).map(|axis| {
         let end = if way[axis] > 0.0 { ROOM[axis] } else { 0.0 };
-        ((end - from[axis]) / way[axis], axis)
+        ((end - from[axis]) / way[axis], axis, end)
     });
-    let (distance, axis) = walls.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+    let (distance, axis, end) = walls.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
     let mut at = from + way * distance;
-    at[axis] = if way[axis] > 0.0 { ROOM[axis] } else { 0.0 };
+    at[axis] = end;
     let mut normal = DVec3::ZERO;
     normal[axis] = -way[axis].signum();
     (at, normal, false)
@@ -79,7 +79,7 @@ fn traced(emits: impl Fn(DVec3) -> bool, paths: u64, place: impl Fn(&mut Random)
             let way = (one * turn.cos() + two * turn.sin()) * u.sqrt() + normal * (1.0 - u).sqrt();
             let is_panel;
             (at, normal, is_panel) = first_hit(at, way);
-            found += f64::from(u8::from(is_panel && emits(normal)));
+            found += f64::from(is_panel && emits(normal));
             if random.next() >= REFLECTANCE {
                 break;
             }
@@ -123,7 +123,6 @@ fn compare(emit: &str, quality: &str, emits: impl Fn(DVec3) -> bool + Copy) {
         ("tops", level(HEIGHT_M, 1.0), traced(emits, 8_000_000, on_panels)),
     ] {
         assert!(error < 0.25 * SHARE * expected, "{name}: traced {expected} +- {error}");
-        println!("{emit}: {name}: {got} for {expected} +- {error}");
         wrong.relative(&format!("{emit}: {name}"), got, expected, SHARE);
     }
     wrong.assert_none();

@@ -3,8 +3,9 @@
 //!
 //! At corners it is the mean of what the leaves around predict, in a leaf it lies between its corners. What leaves miss of
 //! their means then is predicted beside their lines, once, within what these reach: between corners light would be too
-//! bright where it is dim beside what is bright. Over the side it has the mean that is stored. A corner on an edge of a larger leaf has what lies on that edge. It reads across
-//! patches where seams say that nothing stands between them, so never through walls.
+//! bright where it is dim beside what is bright. Over the side it has the mean that is stored. A corner on an edge of a
+//! larger leaf has what lies on that edge. It reads across patches where seams say that nothing stands between them, so
+//! never through walls.
 
 use std::rc::Rc;
 
@@ -92,13 +93,11 @@ impl SideLight {
             let open = geometry.seams_of(sheet.patch.into()).iter().filter(|s| s.sides >> at.side & 1 == 1);
             sheet.join(&open.copied().collect::<Vec<_>>(), |patch| patches.binary_search(&patch).ok());
         }
-        let once = smooth(&sheets);
-        for (sheet, smooth) in sheets.iter_mut().zip(&once) {
-            let missed = |leaf: &SheetLeaf| leaf.line.mean - smooth.flux(leaf) * (1.0 / leaf.area_m2);
-            let missed: Vec<Rgb> = sheet.leaves.iter().map(missed).collect();
-            sheet.make_up(missed);
+        let once = predicted(&sheets);
+        for (sheet, once) in sheets.iter_mut().zip(&once) {
+            sheet.make_up(|leaf| leaf.line.mean - once.flux(leaf) * (1.0 / leaf.area_m2));
         }
-        let mut smooth = smooth(&sheets);
+        let mut smooth = predicted(&sheets);
         let (mut stored, mut between) = (Rgb::BLACK, Rgb::BLACK);
         for (smooth, sheet) in smooth.iter().zip(&sheets) {
             for leaf in &sheet.leaves {
@@ -153,7 +152,7 @@ impl SideLight {
 }
 
 /// What leaves predict together, sheet by sheet.
-fn smooth(sheets: &[Sheet]) -> Vec<Smooth> {
+fn predicted(sheets: &[Sheet]) -> Vec<Smooth> {
     let mut smooth: Vec<Smooth> = sheets.iter().map(Smooth::of).collect();
     for sheet in 0..sheets.len() {
         for (edge, along, point) in sheets[sheet].on_edges() {
@@ -418,7 +417,7 @@ mod tests {
             let of = |leaf: &SheetLeaf| (leaf.line.mean * leaf.area_m2 - smooth.flux(leaf)).0[0].abs();
             sheet.leaves.iter().map(of).sum()
         };
-        let (plain, light) = (missed(&smooth(std::slice::from_ref(&sheet))[0]), square(leaves.clone()).light(0));
+        let (plain, light) = (missed(&predicted(std::slice::from_ref(&sheet))[0]), square(leaves.clone()).light(0));
         let made_up = missed(&light.sheets[0]);
         assert!(made_up < 0.75 * plain, "{made_up} of {plain}");
     }

@@ -151,8 +151,8 @@ impl Design {
         let (structure, structure_error) = (products / freedom + turned_down, squares.sqrt() / freedom);
         let (bend, bend_error) = self.bend(halves);
         let stands_out = |x: f64, error: f64| {
-            let by_chance = numbers::FOUND * error;
-            if x > by_chance { x - by_chance * by_chance / x } else { 0.0 }
+            let least = numbers::FOUND * error;
+            if x > least { x - least * least / x } else { 0.0 }
         };
         // Places that differ from each other by more than the halves do are what is looked for.
         let by_chance = (n * (2.0 * structure.max(0.0) * apart + apart * apart)).sqrt() / freedom;
@@ -233,10 +233,10 @@ mod tests {
 
     const SQUARE: [Plane; 4] = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
 
-    /// Mean structure and noise, and the line's true mean squared error, over many fits.
-    fn trial(field: impl Fn(Plane) -> f64, deviation: f64) -> (f64, f64, f64) {
+    /// Mean structure, noise and what is found, and the line's true mean squared error, over many fits.
+    fn trial(field: impl Fn(Plane) -> f64, deviation: f64) -> (Fit, f64) {
         let mut numbers = Numbers(7);
-        let (mut structure, mut noise, mut true_error) = (0.0, 0.0, 0.0);
+        let (mut structure, mut noise, mut found, mut true_error) = (0.0, 0.0, 0.0, 0.0);
         const TRIALS: u32 = 4000;
         for _ in 0..TRIALS {
             let places: [Plane; PLACES] = std::array::from_fn(|i| {
@@ -254,30 +254,34 @@ mod tests {
             let fit = Design::new(places, u16::MAX).fit(&halves, &SQUARE);
             structure += fit.structure;
             noise += fit.noise;
+            found += fit.found;
             for _ in 0..16 {
                 let at = [numbers.next() - 0.5, numbers.next() - 0.5];
                 true_error += (fit.line.at(at).0[0] - field(at)).powi(2) / 16.0;
             }
         }
         let n = f64::from(TRIALS);
-        (structure / n, noise / n, true_error / n)
+        (Fit { structure: structure / n, noise: noise / n, found: found / n, ..Fit::default() }, true_error / n)
     }
 
     #[test]
     fn a_flat_field_with_noise_gives_the_noise() {
-        let (structure, noise, true_error) = trial(|_| 10.0, 1.0);
+        let (Fit { structure, noise, found, .. }, true_error) = trial(|_| 10.0, 1.0);
         // Three standard errors of 4,000 trials.
         assert!(structure.abs() < 0.013, "structure {structure} beside noise {noise}");
         // Slopes that noise makes stay in where they are steep, and nobody can tell them from others: of a mean and two slopes
         // they are half of the error, of which a quarter is known.
         assert!((noise / true_error - 0.65).abs() < 0.05, "noise {noise}, error {true_error}");
+        // Taken whole, what stands out by chance would be 2.2 times the noise.
+        assert!(found < 1.2 * noise, "{} of the noise is found", found / noise);
     }
 
     #[test]
     fn a_step_gives_the_true_error_of_the_line() {
         // Where noise hides a slope, the line goes without it and nobody knows of that part.
         for (deviation, off) in [(0.0, 0.08), (1.0, 0.08), (3.0, 0.12)] {
-            let (structure, noise, true_error) = trial(|[x, _]| if x > 0.1 { 20.0 } else { 15.0 }, deviation);
+            let (Fit { structure, noise, .. }, true_error) =
+                trial(|[x, _]| if x > 0.1 { 20.0 } else { 15.0 }, deviation);
             let estimate = structure + noise;
             assert!((estimate / true_error - 1.0).abs() < off, "{structure} + {noise} for {true_error}");
         }

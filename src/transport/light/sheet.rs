@@ -154,9 +154,9 @@ impl Sheet {
         }
     }
 
-    /// Has every leaf predict more by so much, W/m2; in the order of the leaves.
-    pub fn make_up(&mut self, missed: impl IntoIterator<Item = Rgb>) {
-        self.leaves.iter_mut().zip(missed).for_each(|(leaf, missed)| leaf.missed = missed);
+    /// Has every leaf predict more by what it misses, W/m2.
+    pub fn make_up(&mut self, missed: impl Fn(&SheetLeaf) -> Rgb) {
+        self.leaves.iter_mut().for_each(|leaf| leaf.missed = missed(leaf));
         self.predict();
     }
 
