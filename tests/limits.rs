@@ -43,7 +43,7 @@ fn a_chain_of_link_extents_is_at_most_half_garbage_however_many_iterations_add_t
                 entries += row.count as usize;
             });
             let bytes = chain.iter().map(|e| e.payload().len() as u64).sum::<u64>();
-            let live = live_bytes(rows, entries);
+            let live = live_bytes(rows, entries as u64);
             assert!(
                 bytes <= 2 * live,
                 "version {version}, cluster {id}: {} extents hold {bytes} bytes for {live}",

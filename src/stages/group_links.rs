@@ -4,17 +4,16 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use super::link_extent::rows_of;
 use super::working_set::WorkingSet;
 use crate::base::{ClusterId, NodeName, PatchSide, Result};
 use crate::model::ExtentKind;
 use crate::model::links::{LinksView, for_each_row};
 use crate::store::Extent;
 use crate::store::tasks::UpdateRow;
-use crate::transport::iterate::relax::{Inside, Member};
+use crate::transport::iterate::relax::{Inside, Member, Outside};
 use crate::transport::light::line::Halves;
 use crate::transport::light::lit::{Lights, LitCluster};
-use crate::transport::row::{Row, add, slots};
+use crate::transport::row::{add, slots};
 use crate::transport::source::exitance;
 
 /// A cluster's link extents, base first.
@@ -48,11 +47,6 @@ impl Chain {
                 Ok(vec![view.expect("just made")])
             }
         }
-    }
-
-    /// Their rows.
-    pub fn rows(&self) -> Result<Vec<Row>> {
-        Ok(rows_of(&self.views()?))
     }
 }
 
@@ -134,38 +128,6 @@ impl RowStore<'_, '_> {
         names.iter().map(place).collect()
     }
 
-    /// What every row of a member receives from lamps and from outside the group, and the share of its rays that leaves
-    /// the model.
-    pub fn external(&self, index: usize) -> Result<(Vec<Halves>, Vec<f32>)> {
-        let chain = self.chain(index)?;
-        let views = chain.views()?;
-        let places: Vec<_> = views.iter().map(|v| self.places(v.sides, Wanted::Outside)).collect::<Result<_>>()?;
-        let exitances: Vec<Vec<[f32; 3]>> = views
-            .iter()
-            .map(|v| v.sides.iter().map(|&name| exitance(self.set, NodeName(name))).collect())
-            .collect::<Result<_>>()?;
-        let (mut external, mut escapes) = (Vec::new(), Vec::new());
-        for_each_row(&views, |of, head| {
-            let (view, places) = (&views[of], &places[of]);
-            let mut halves = Halves::default();
-            let (shares, hits) = view.entries(head);
-            let weight = 1.0 / f32::from(head.rounds);
-            for share in shares {
-                add(&mut halves, usize::from(share.slot()), exitances[of][share.lamp()], share.factor * weight);
-            }
-            let mut gone = 0u32;
-            for (hit, slot) in hits.iter().zip(slots(head.open)) {
-                gone += u32::from(view.sides[hit.side as usize] == NodeName::ESCAPE.0);
-                if let Place::Outside(lit, side) = &places[hit.side as usize] {
-                    add(&mut halves, slot, lit.leaving_from(*side, hit.at), weight);
-                }
-            }
-            external.push(halves);
-            escapes.push(gone as f32 / hits.len().max(1) as f32);
-        });
-        Ok((external, escapes))
-    }
-
     /// What comes to a member from within the group.
     fn resolve(&self, index: usize, members: &[Member]) -> Result<Resolved> {
         let chain = self.chain(index)?;
@@ -191,6 +153,36 @@ impl RowStore<'_, '_> {
     }
 }
 
+impl Outside for RowStore<'_, '_> {
+    fn each(&self, index: usize, visit: &mut dyn FnMut(&Halves, f32)) -> Result<()> {
+        let chain = self.chain(index)?;
+        let views = chain.views()?;
+        let places: Vec<_> = views.iter().map(|v| self.places(v.sides, Wanted::Outside)).collect::<Result<_>>()?;
+        let exitances: Vec<Vec<[f32; 3]>> = views
+            .iter()
+            .map(|v| v.sides.iter().map(|&name| exitance(self.set, NodeName(name))).collect())
+            .collect::<Result<_>>()?;
+        for_each_row(&views, |of, head| {
+            let (view, places) = (&views[of], &places[of]);
+            let mut halves = Halves::default();
+            let (shares, hits) = view.entries(head);
+            let weight = 1.0 / f32::from(head.rounds);
+            for share in shares {
+                add(&mut halves, usize::from(share.slot()), exitances[of][share.lamp()], share.factor * weight);
+            }
+            let mut gone = 0u32;
+            for (hit, slot) in hits.iter().zip(slots(head.open)) {
+                gone += u32::from(view.sides[hit.side as usize] == NodeName::ESCAPE.0);
+                if let Place::Outside(lit, side) = &places[hit.side as usize] {
+                    add(&mut halves, slot, lit.leaving_from(*side, hit.at), weight);
+                }
+            }
+            visit(&halves, gone as f32 / hits.len().max(1) as f32);
+        });
+        Ok(())
+    }
+}
+
 /// What comes from within the group, held as far as there is room: what is held stays, since sweeps go round, and what
 /// was used least recently is what is needed next.
 pub struct GroupLinks<'a, 's> {
@@ -210,8 +202,8 @@ impl<'a, 's> GroupLinks<'a, 's> {
 
 fn gather(resolved: &Resolved, member: &Member, members: &[Member], visit: &mut dyn FnMut(usize, &Halves)) {
     let ends = resolved.rows.iter().skip(1).map(|r| r.1).chain([resolved.entries.len() as u32]);
-    for (&(row, first, weight), end) in resolved.rows.iter().zip(ends) {
-        let mut halves = member.external[row as usize];
+    for ((&(row, first, weight), end), external) in resolved.rows.iter().zip(ends).zip(&member.external) {
+        let mut halves = *external;
         for entry in &resolved.entries[first as usize..end as usize] {
             let light = members[usize::from(entry.member)].lit.leaving(entry.leaf, entry.at);
             add(&mut halves, usize::from(entry.slot), light, weight);

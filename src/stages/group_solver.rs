@@ -7,20 +7,19 @@ use std::rc::Rc;
 
 use lru::LruCache;
 
-use super::group_links::{Chain, GroupLinks, RowStore};
-use super::link_extent::{LinkExtent, live_bytes};
+use super::cluster_rows::RowsNow;
+use super::group_links::{GroupLinks, RowStore};
 use super::working_set::WorkingSet;
 use glam::DVec3;
 
 use crate::base::{ClusterId, NodeName, PatchSide, Progress, Result, Rgb};
 use crate::geom::sequence::{mix, unit};
 use crate::model::ExtentKind;
-use crate::model::links::for_each_row;
 use crate::model::report::TaskReport;
 use crate::rays::RayScene;
 use crate::rays::node::Node;
+use crate::store::SegmentWriter;
 use crate::store::tasks::UpdateRow;
-use crate::store::{SegmentWriter, segment};
 use crate::transport::iterate::relax::{self, Inner, Member, Shapes};
 use crate::transport::light::at::SideLights;
 use crate::transport::light::lit::Lights;
@@ -31,8 +30,8 @@ use crate::transport::nodes::mesh::Mesh;
 use crate::transport::norm::Norm;
 use crate::transport::numbers;
 use crate::transport::records;
-use crate::transport::refine::{self, Around, Context, Refined, Sides};
-use crate::transport::row::{Hit, Part};
+use crate::transport::refine::{self, Context, Sides};
+use crate::transport::row::Part;
 use crate::transport::source::{ClusterView, Loaded, exitance};
 
 /// What shapes a visit's result.
@@ -120,7 +119,7 @@ impl Shapes for GroupShapes<'_, '_> {
 }
 
 impl GroupSolver<'_, '_> {
-    fn context(&self) -> Context<'_> {
+    pub(super) fn context(&self) -> Context<'_> {
         Context {
             scene: self.scene,
             clusters: self.set,
@@ -128,7 +127,9 @@ impl GroupSolver<'_, '_> {
             seed: self.settings.seed,
             threshold: self.settings.threshold,
             norm: self.settings.norm,
+            gain: self.settings.gain,
             min_element_m: self.settings.min_element_m,
+            made_bytes: self.settings.link_cache_bytes,
             progress: self.progress,
         }
     }
@@ -144,46 +145,19 @@ impl GroupSolver<'_, '_> {
             let loaded = self.set.mapped(id)?;
             let view = loaded.view();
             let sides = self.sides.of(&view, &self.scene);
-            let refined = match self.unchanged(id, &view)? {
-                Some((mesh, entries)) => {
-                    report.work.links_stored += entries;
-                    report.work.links_reused += entries;
-                    self.add_member(mesh, &view, sides, (&mut members, &mut shapes));
-                    self.progress.at(done as u64 + 1);
-                    continue;
-                }
-                None => self.refine(id, &view, &sides)?,
-            };
-            report.work.rays += refined.counts.rays;
-            report.work.links_evaluated += refined.counts.measured;
-            let entries: usize = refined.rows.iter().map(|row| row.len()).sum();
-            report.work.links_stored += entries as u64;
-            if !self.settings.keep_links {
-                let all = LinkExtent::new(false, refined.rows.iter().collect(), &[]);
-                in_memory.push(Rc::new(all.in_memory()?));
-            } else if !refined.gone.is_empty() || refined.changed.contains(&true) {
-                rows.push(self.write_links(id, &refined, entries, writer)?);
-            } else {
-                report.work.links_reused += entries as u64;
-            }
-            let Refined { mesh, rows: written, .. } = refined;
+            let RowsNow { mesh, written, in_memory: held } = self.rows(id, &view, &sides, writer, &mut report.work)?;
+            rows.extend(written);
+            in_memory.extend(held);
             self.add_member(mesh, &view, sides, (&mut members, &mut shapes));
-            drop(written);
-            if entries * size_of::<Hit>() > MANY_LINKS_BYTES {
-                segment::give_back_freed_memory();
-            }
             self.progress.at(done as u64 + 1);
         }
         // New rows are read back through the mapping, like old ones.
         writer.sync()?;
         let store = RowStore { set: self.set, clusters, new: &rows, in_memory: &in_memory };
         self.progress.begin("gather", "clusters", Some(clusters.len() as u64));
-        for (index, member) in members.iter_mut().enumerate() {
-            (member.external, member.escapes) = store.external(index)?;
-            self.progress.at(index as u64 + 1);
-        }
-        let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
         let Settings { inner, seed, gain, .. } = self.settings;
+        relax::take_over(&mut members, &shapes, &store, (seed, gain), self.progress)?;
+        let mut links = GroupLinks::new(&store, self.settings.link_cache_bytes);
         report.inner_sweeps = relax::relax(&mut members, &shapes, &mut links, inner, (seed, gain), self.progress)?;
         report.q_max =
             members.iter().flat_map(|m| &m.materials).flat_map(|m| m.rho).fold(0.0, |q, r| q.max(f64::from(r)));
@@ -211,61 +185,6 @@ impl GroupSolver<'_, '_> {
         let above = mesh.rows_above();
         members.push(Member { mesh, materials, lit, above, external: Vec::new(), escapes: Vec::new() });
         shapes.sides.push(sides);
-    }
-
-    /// A cluster whose stored rows are those that its light tells of, and cover all its sides, where nothing is to be
-    /// done about them; and the entries of these.
-    fn unchanged(&self, id: ClusterId, view: &ClusterView<'_>) -> Result<Option<(Mesh, u64)>> {
-        if self.settings.threshold < f64::INFINITY || !self.settings.keep_links {
-            return Ok(None);
-        }
-        let chain = Chain::of(self.set, id, None)?;
-        let mesh = Mesh::load(view.id, view.geometry.patches, &view.light);
-        let mut known = mesh.rows.iter().map(|row| (mesh.elements[row.element as usize].name, row.part));
-        let (mut is_same, mut entries) = (true, 0);
-        let mut covered = vec![[false; 2]; 2 * view.geometry.patches.len()];
-        for_each_row(&chain.views()?, |_, head| {
-            entries += u64::from(head.count);
-            let part = Part::ALL[usize::from(head.part)];
-            is_same &= known.next() == Some((NodeName(head.element), part));
-            covered[NodeName(head.element).patch_side().index()][part as usize] = true;
-        });
-        let is_same = is_same && known.next().is_none();
-        let are_covered = (0..covered.len()).all(|side| !view.takes_part(side) || covered[side] == [true; 2]);
-        Ok((is_same && are_covered).then_some((mesh, entries)))
-    }
-
-    /// Brings a cluster's rows up to date.
-    fn refine(&self, id: ClusterId, view: &ClusterView<'_>, sides: &Sides) -> Result<Refined> {
-        let stored = Chain::of(self.set, id, None)?.rows()?;
-        let (visible, found) = self.set.visible(id)?;
-        let visible = if self.settings.is_dark { Vec::new() } else { visible };
-        let (escapes, emitted_w) = (found.escape > 0.0, self.settings.emitted_w);
-        let around = Around { lamps: LightTree::of_clusters(self.set, &visible)?, escapes, emitted_w };
-        refine::refine(&self.context(), *view, sides, &around, stored)
-    }
-
-    /// Writes a cluster's rows: those that changed behind the chain they came from, or all anew where there is no chain
-    /// or more than half of it would be garbage.
-    fn write_links(
-        &self,
-        id: ClusterId,
-        refined: &Refined,
-        entries: usize,
-        writer: &mut SegmentWriter,
-    ) -> Result<UpdateRow> {
-        let chain_bytes = self.set.snapshot().links_bytes(id)?;
-        let extent = |delta: bool| {
-            let rows = refined.rows.iter().zip(&refined.changed).filter(|(_, changed)| !delta || **changed);
-            LinkExtent::new(delta, rows.map(|(row, _)| row).collect(), &refined.gone)
-        };
-        let room = 2 * live_bytes(refined.rows.len(), entries);
-        let behind = (0 < chain_bytes && chain_bytes < room)
-            .then(|| extent(true))
-            .filter(|delta| chain_bytes + delta.bytes() <= room);
-        let delta = behind.is_some();
-        let at = behind.unwrap_or_else(|| extent(false)).write(id, writer)?;
-        Ok(UpdateRow { cluster: id, kind: ExtentKind::Links, delta, at })
     }
 
     fn write_light(
@@ -429,6 +348,3 @@ impl GroupSolver<'_, '_> {
         Ok(())
     }
 }
-
-/// Rows of one cluster that are worth giving back at once.
-const MANY_LINKS_BYTES: usize = 4 << 20;

@@ -1,6 +1,8 @@
 //! Rows as a link extent, and back. They go to the segment array by array, straight from the rows: those of one cluster
 //! may be most of what a task holds, and need not be held twice.
 
+use std::collections::BTreeSet;
+
 use bytemuck::Pod;
 
 use crate::base::{ClusterId, NodeName, Result};
@@ -8,48 +10,133 @@ use crate::model::ExtentKind;
 use crate::model::layout::{padding, table};
 use crate::model::links::{LinksHead, LinksView, RowHead, StoredHit, StoredShare, for_each_row};
 use crate::store::{ExtentRef, SegmentWriter};
-use crate::transport::row::{Found, Hit, Part, Row, Share};
+use crate::transport::row::{Found, Hit, Kept, Part, Row, Share};
 
-/// Rows to be written.
-pub struct LinkExtent<'a> {
-    delta: bool,
-    heads: Vec<RowHead>,
-    rows: Vec<&'a Row>,
-    /// Distinct names of the sides, ascending.
-    sides: Vec<u64>,
-    shares: usize,
-    hits: usize,
+/// The newest rows of a chain of extents, in order.
+pub struct ChainRows<'a> {
+    views: &'a [LinksView<'a>],
+    /// Each with the number of its extent.
+    heads: Vec<(usize, &'a RowHead)>,
 }
 
-impl<'a> LinkExtent<'a> {
-    /// Over rows in order, and names of those that are no more.
+impl<'a> ChainRows<'a> {
+    /// Of a chain, base first.
     #[must_use]
-    pub fn new(delta: bool, rows: Vec<&'a Row>, gone: &[(NodeName, Part)]) -> Self {
-        let (mut sides, mut known) = (Vec::new(), 0);
-        let mut heads = Vec::with_capacity(rows.len() + gone.len());
-        let (mut shares, mut hits) = (0, 0);
-        for row in &rows {
-            let first = match &row.found {
-                Found::Shares(found) => {
-                    sides.extend(found.iter().map(|share| share.lamp.0));
-                    shares += found.len();
-                    shares - found.len()
-                }
-                Found::Hits(found) => {
-                    sides.extend(found.iter().map(|hit| hit.side.0));
-                    hits += found.len();
-                    hits - found.len()
-                }
-            };
-            heads.push(RowHead {
+    pub fn of(views: &'a [LinksView<'a>]) -> Self {
+        let mut heads = Vec::new();
+        for_each_row(views, |of, head| heads.push((of, head)));
+        Self { views, heads }
+    }
+
+    /// The same without rows that are no more or that were made anew.
+    #[must_use]
+    pub fn without(mut self, gone: &[(NodeName, Part)], made: &[Row]) -> Self {
+        let dead: BTreeSet<(NodeName, Part)> = gone.iter().copied().chain(made.iter().map(Row::key)).collect();
+        self.heads.retain(|(_, head)| !dead.contains(&name_of(head)));
+        self
+    }
+
+    /// Entries of all rows.
+    #[must_use]
+    pub fn entries(&self) -> u64 {
+        self.heads.iter().map(|(_, head)| u64::from(head.count)).sum()
+    }
+}
+
+fn name_of(head: &RowHead) -> (NodeName, Part) {
+    (NodeName(head.element), Part::ALL[usize::from(head.part)])
+}
+
+impl Kept for ChainRows<'_> {
+    fn keys(&self) -> Vec<(NodeName, Part)> {
+        self.heads.iter().map(|(_, head)| name_of(head)).collect()
+    }
+
+    fn row(&self, number: usize) -> Row {
+        let (of, head) = self.heads[number];
+        let view = &self.views[of];
+        let (shares, hits) = view.entries(head);
+        let name = |side: usize| NodeName(view.sides[side]);
+        let (element, part) = name_of(head);
+        let found = match part {
+            Part::Direct => {
+                let share = |s: &StoredShare| Share {
+                    lamp: name(s.lamp()),
+                    slot: s.slot(),
+                    round: s.round(),
+                    factor: s.factor,
+                };
+                Found::Shares(shares.iter().map(share).collect())
+            }
+            Part::Indirect => Found::Hits(hits.iter().map(|h| Hit { side: name(h.side as usize), at: h.at }).collect()),
+        };
+        Row { element, part, rounds: head.rounds, open: head.open, found }
+    }
+}
+
+/// A row to be written: as a chain has it, or made anew.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    Kept(usize, &'a RowHead),
+    Made(&'a Row),
+}
+
+impl Source<'_> {
+    fn head(&self) -> RowHead {
+        match *self {
+            Self::Kept(_, head) => *head,
+            Self::Made(row) => RowHead {
                 element: row.element.0,
-                first: first as u64,
+                first: 0,
                 count: row.len() as u32,
                 part: row.part as u16,
                 rounds: row.rounds,
                 open: row.open,
                 reserved: [0; 3],
-            });
+            },
+        }
+    }
+}
+
+/// Rows to be written.
+pub struct LinkExtent<'a> {
+    delta: bool,
+    heads: Vec<RowHead>,
+    rows: Vec<Source<'a>>,
+    views: &'a [LinksView<'a>],
+    /// Distinct names of the sides, ascending.
+    sides: Vec<u64>,
+    /// Where those of each extent of the chain are among them.
+    renumbered: Vec<Vec<u32>>,
+    shares: usize,
+    hits: usize,
+}
+
+impl<'a> LinkExtent<'a> {
+    /// Rows, those made anew beside those of a chain that no longer has them, in order; and, behind a chain that does
+    /// (`delta`), names of those that are no more.
+    #[must_use]
+    pub fn new(chain: &ChainRows<'a>, made: &'a [Row], gone: Option<&[(NodeName, Part)]>) -> Self {
+        let stay = chain.heads.iter().map(|&(of, head)| Source::Kept(of, head));
+        let mut rows: Vec<Source<'a>> = stay.chain(made.iter().map(Source::Made)).collect();
+        rows.sort_by_key(|row| key(&row.head()));
+        Self::over(gone.is_some(), chain.views, rows, gone.unwrap_or_default())
+    }
+
+    fn over(delta: bool, views: &'a [LinksView<'a>], rows: Vec<Source<'a>>, gone: &[(NodeName, Part)]) -> Self {
+        let (mut sides, mut known) = (Vec::new(), 0);
+        let mut used: Vec<Vec<bool>> = views.iter().map(|view| vec![false; view.sides.len()]).collect();
+        let mut heads: Vec<RowHead> = rows.iter().map(Source::head).collect();
+        for row in &rows {
+            match *row {
+                Source::Kept(of, head) => {
+                    let (shares, hits) = views[of].entries(head);
+                    shares.iter().for_each(|share| used[of][share.lamp()] = true);
+                    hits.iter().for_each(|hit| used[of][hit.side as usize] = true);
+                }
+                Source::Made(Row { found: Found::Shares(found), .. }) => sides.extend(found.iter().map(|s| s.lamp.0)),
+                Source::Made(Row { found: Found::Hits(found), .. }) => sides.extend(found.iter().map(|h| h.side.0)),
+            }
             // What is held stays below a few times what is distinct.
             if sides.len() > 2 * known + 4096 {
                 sides.sort_unstable();
@@ -57,24 +144,28 @@ impl<'a> LinkExtent<'a> {
                 known = sides.len();
             }
         }
+        for (view, used) in views.iter().zip(&used) {
+            sides.extend(view.sides.iter().zip(used).filter(|(_, used)| **used).map(|(name, _)| *name));
+        }
         sides.sort_unstable();
         sides.dedup();
-        if delta {
-            let rows_now = |head: &RowHead| (head.element, head.part);
-            let new: Vec<RowHead> = (gone.iter())
-                .filter(|(name, part)| heads.binary_search_by_key(&(name.0, *part as u16), rows_now).is_err())
-                .map(|(name, part)| RowHead { element: name.0, part: *part as u16, ..bytemuck::Zeroable::zeroed() })
-                .collect();
-            heads.extend(new);
-            heads.sort_by_key(rows_now);
-            // Rows that are no more have no entries: where they would begin follows from those before.
-            let mut next = [0u64; 2];
-            for head in &mut heads {
-                head.first = next[usize::from(head.part)];
-                next[usize::from(head.part)] += u64::from(head.count);
-            }
+        let number = |name: &u64| sides.binary_search(name).map_or(u32::MAX, |at| at as u32);
+        let renumbered = views.iter().map(|view| view.sides.iter().map(number).collect()).collect();
+        // Rows that are no more have no entries.
+        let dead = |(name, part): &(NodeName, Part)| RowHead {
+            element: name.0,
+            part: *part as u16,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        heads.extend(gone.iter().map(dead));
+        heads.sort_by_key(key);
+        let mut next = [0u64; 2];
+        for head in &mut heads {
+            head.first = next[usize::from(head.part)];
+            next[usize::from(head.part)] += u64::from(head.count);
         }
-        Self { delta, heads, rows, sides, shares, hits }
+        let [shares, hits] = next.map(|count| count as usize);
+        Self { delta, heads, rows, views, sides, renumbered, shares, hits }
     }
 
     /// Bytes of each array.
@@ -125,52 +216,52 @@ impl<'a> LinkExtent<'a> {
             hits: self.hits as u64,
         };
         let index = |side: NodeName| self.sides.binary_search(&side.0).expect("the dictionary holds every side") as u32;
-        let shares = self.rows.iter().flat_map(|row| match &row.found {
-            Found::Shares(shares) => shares.as_slice(),
-            Found::Hits(_) => &[],
-        });
-        let hits = self.rows.iter().flat_map(|row| match &row.found {
-            Found::Hits(hits) => hits.as_slice(),
-            Found::Shares(_) => &[],
-        });
+        let of_part = |part: Part| self.rows.iter().filter(move |row| row.head().part == part as u16);
         write(&table(&self.arrays()))?;
         array(write, [head])?;
         array(write, self.heads.iter().copied())?;
         array(write, self.sides.iter().copied())?;
-        array(write, shares.map(|s| StoredShare::new(index(s.lamp), s.round, s.slot, s.factor)))?;
-        array(write, hits.map(|h| StoredHit { side: index(h.side), at: h.at }))
+        array(write, of_part(Part::Direct).flat_map(|row| self.shares_of(row, &index)))?;
+        array(write, of_part(Part::Indirect).flat_map(|row| self.hits_of(row, &index)))
     }
+
+    fn shares_of(&self, row: &Source<'a>, index: &dyn Fn(NodeName) -> u32) -> Vec<StoredShare> {
+        match *row {
+            Source::Kept(of, head) => {
+                let renumber =
+                    |s: &StoredShare| StoredShare::new(self.renumbered[of][s.lamp()], s.round(), s.slot(), s.factor);
+                self.views[of].entries(head).0.iter().map(renumber).collect()
+            }
+            Source::Made(Row { found: Found::Shares(found), .. }) => {
+                found.iter().map(|s| StoredShare::new(index(s.lamp), s.round, s.slot, s.factor)).collect()
+            }
+            Source::Made(_) => Vec::new(),
+        }
+    }
+
+    fn hits_of(&self, row: &Source<'a>, index: &dyn Fn(NodeName) -> u32) -> Vec<StoredHit> {
+        match *row {
+            Source::Kept(of, head) => {
+                let renumber = |h: &StoredHit| StoredHit { side: self.renumbered[of][h.side as usize], at: h.at };
+                self.views[of].entries(head).1.iter().map(renumber).collect()
+            }
+            Source::Made(Row { found: Found::Hits(found), .. }) => {
+                found.iter().map(|h| StoredHit { side: index(h.side), at: h.at }).collect()
+            }
+            Source::Made(_) => Vec::new(),
+        }
+    }
+}
+
+/// What rows are in order of.
+fn key(head: &RowHead) -> (u64, u16) {
+    (head.element, head.part)
 }
 
 /// Bytes of an extent with so many rows and entries: names of sides not counted.
 #[must_use]
-pub fn live_bytes(rows: usize, entries: usize) -> u64 {
-    (rows * size_of::<RowHead>() + entries * size_of::<StoredHit>()) as u64
-}
-
-/// The rows of a chain of extents, in order.
-#[must_use]
-pub fn rows_of(views: &[LinksView<'_>]) -> Vec<Row> {
-    let mut rows = Vec::new();
-    for_each_row(views, |index, head| {
-        let view = &views[index];
-        let (shares, hits) = view.entries(head);
-        let name = |side: u32| NodeName(view.sides[side as usize]);
-        let (part, found) = if head.part == 0 {
-            let share = |s: &StoredShare| Share {
-                lamp: NodeName(view.sides[s.lamp()]),
-                slot: s.slot(),
-                round: s.round(),
-                factor: s.factor,
-            };
-            (Part::Direct, Found::Shares(shares.iter().map(share).collect()))
-        } else {
-            (Part::Indirect, Found::Hits(hits.iter().map(|h| Hit { side: name(h.side), at: h.at }).collect()))
-        };
-        let (element, rounds, open) = (NodeName(head.element), head.rounds, head.open);
-        rows.push(Row { element, part, rounds, open, found });
-    });
-    rows
+pub fn live_bytes(rows: usize, entries: u64) -> u64 {
+    (rows * size_of::<RowHead>()) as u64 + entries * size_of::<StoredHit>() as u64
 }
 
 /// Writes an array and its padding, piece by piece.
@@ -222,13 +313,32 @@ mod tests {
             writer.sync().unwrap();
             store.extent(at, ExtentKind::Links).unwrap()
         };
-        let base = write(LinkExtent::new(false, rows.iter().collect(), &[]));
+        let rows_of = |views: &[LinksView<'_>]| {
+            let rows = ChainRows::of(views);
+            (0..rows.keys().len()).map(|number| rows.row(number)).collect::<Vec<_>>()
+        };
+        let none = ChainRows::of(&[]);
+        let base = write(LinkExtent::new(&none, &rows, None));
         let view = base.parse(LinksView::parse).unwrap();
         assert_eq!(rows_of(&[view]), rows);
-        let child = indirect(side(4, 1).child(2), 64);
-        let delta = write(LinkExtent::new(true, vec![&child], &[(side(4, 1), Part::Indirect)]));
+        // One row changes, one is no more, and one comes instead of it.
+        let (made, gone) =
+            ([indirect(side(4, 0), 8192), indirect(side(4, 1).child(2), 64)], [(side(4, 1), Part::Indirect)]);
+        let delta = write(LinkExtent::new(&none, &made, Some(&gone)));
         let later = delta.parse(LinksView::parse).unwrap();
-        let [first, second, _] = rows;
-        assert_eq!(rows_of(&[view, later]), [first, second, child]);
+        let [first, ..] = rows;
+        let [changed, child] = made;
+        let now = [first, changed, child];
+        assert_eq!(rows_of(&[view, later]), now);
+        // Written anew, what stays is taken from where it lies.
+        let views = [view, later];
+        let (newest, gone) = ([indirect(side(4, 2), 32)], [(side(4, 0), Part::Indirect)]);
+        let chain = ChainRows::of(&views).without(&gone, &newest);
+        let anew = write(LinkExtent::new(&chain, &newest, None));
+        let [first, _, child] = now;
+        let [newest] = newest;
+        let anew = anew.parse(LinksView::parse).unwrap();
+        assert_eq!(rows_of(&[anew]), [first, child, newest]);
+        assert!(anew.sides.len() < views.iter().map(|view| view.sides.len()).sum(), "{}", anew.sides.len());
     }
 }

@@ -3,6 +3,7 @@
 pub mod audit;
 pub mod check;
 pub mod children;
+mod cluster_rows;
 pub mod entry;
 pub mod export;
 pub mod gc;

@@ -13,7 +13,7 @@ use crate::base::{ClusterId, Error, Progress, Result, Rgb};
 use crate::model::ExtentKind;
 pub use crate::model::figures::Resources;
 use crate::model::figures::Work;
-use crate::model::light::ElementLight;
+use crate::model::light::{ElementLight, RowLight};
 use crate::model::report::TaskReport;
 pub use crate::model::solve_options::{InnerOption, LinkStorage, SolveOptions};
 pub use crate::partition::schedule::Policy;
@@ -85,11 +85,14 @@ pub struct Summary {
 /// Bytes that a task needs whatever the group: code, caches of places, SQLite.
 const BASE_BYTES: u64 = 32 << 20;
 
-/// Bytes of an element while its group is solved, light from outside and closure included.
-const ELEMENT_BYTES: u64 = 300;
+/// Bytes of an element and its rows as light is stored: three rows to two elements.
+const STORED_BYTES: u64 = (size_of::<ElementLight>() + 3 * size_of::<RowLight>() / 2) as u64;
 
-/// Bytes that a cluster's links take up while it is refined, over those of its chain of extents.
-const LINKS_IN_MEMORY: f64 = 1.5;
+/// The same while its group is solved, what they receive from outside included.
+const ELEMENT_BYTES: u64 = 1100;
+
+/// What is added to that while its cluster is refined.
+const REFINED_BYTES: u64 = 1250;
 
 /// Checks that there are groups and that the least a task needs fits in memory.
 pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
@@ -201,21 +204,20 @@ fn claim(plan: &Plan<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<
     }
 }
 
-/// Refuses a group whose elements and links, as the base version stores them, do not fit in memory.
-/// What the visit adds to them is not known before.
+/// Refuses a group whose elements, as the base version stores them, do not fit in memory. What the visit adds to them is
+/// not known before. Links are streamed: those made are put away when they fill the link cache, which is filled only once
+/// all clusters are refined.
 fn require_memory(plan: &Plan<'_>, set: &WorkingSet<'_>, group: u32, clusters: &[ClusterId]) -> Result<()> {
-    let (mut elements, mut links) = (0, 0);
+    let (mut elements, mut largest) = (0, 0);
     for &id in clusters {
         let light = set.snapshot().place(ExtentKind::Radiosity, id)?.map_or(0, |at| at.bytes);
-        elements += light / size_of::<ElementLight>() as u64;
-        // Up to half of a chain is garbage: no group that fits is refused.
-        links = links.max(set.snapshot().links_bytes(id)? / 2);
+        let of_cluster = light / STORED_BYTES;
+        (elements, largest) = (elements + of_cluster, largest.max(of_cluster));
     }
-    // Links are cached once all clusters are refined.
-    let links = ((links as f64 * LINKS_IN_MEMORY) as u64).max(plan.options.link_cache_bytes);
-    let needed = BASE_BYTES + elements * ELEMENT_BYTES + links;
+    let needed = BASE_BYTES + plan.options.link_cache_bytes + elements * ELEMENT_BYTES + largest * REFINED_BYTES;
     let what = format!("group {group} with {elements} elements in {} clusters", clusters.len());
-    plan.options.memory.require(&what, needed, &format!(", or more than {} groups with `--groups`", plan.groups))
+    let groups = format!(", or more than {} groups with `--groups`", plan.groups);
+    plan.options.memory.require(&what, needed, if clusters.len() > 1 { &groups } else { "" })
 }
 
 fn solve(
@@ -237,7 +239,7 @@ fn solve(
         InnerOption::Converge => {
             // Light of other groups has not settled either.
             let residual = figures.as_ref().map_or(1.0, |f| f.residual);
-            let tolerance = (numbers::OF_OTHERS * residual).max(shaping.tolerance / 100.0);
+            let tolerance = (numbers::STILL * residual).max(shaping.tolerance / 100.0);
             Inner::Converge { tolerance, q: plan.facts.max_reflectance }
         }
     };

@@ -1,12 +1,13 @@
 //! A whole model in memory, solved as one group: the second implementation of [`Clusters`], [`Lights`], [`Shapes`] and
 //! [`Inside`], for tests.
 
+use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use bytemuck::Zeroable;
 use glam::DVec3;
 
-use super::iterate::relax::{self, Inner, Inside, Member, Shapes};
+use super::iterate::relax::{self, Inner, Inside, Member, Outside, Shapes};
 use super::iterate::residual::{self, Change};
 use super::light::line::Halves;
 use super::light::lit::{Lights, LitCluster};
@@ -17,7 +18,7 @@ use super::norm::Norm;
 use super::oracle;
 use super::records;
 use super::refine::{self, Around, Context, Measured, Refined, Sides};
-use super::row::{Found, Part, Row, add, slots};
+use super::row::{Found, Kept, Part, Row, add, slots};
 use super::source::{ClusterView, Clusters, Loaded};
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
@@ -170,7 +171,9 @@ impl MemoryScene {
                 seed: SEED,
                 threshold,
                 norm,
+                gain: [1.0; 3],
                 min_element_m: 0.0,
+                made_bytes: u64::MAX,
                 progress: &Quiet,
             };
             let lamps = LightTree::of_clusters(self, &all).expect("memory does not fail");
@@ -178,19 +181,23 @@ impl MemoryScene {
             let sides: Vec<Sides> = self.stored.iter().map(|own| Sides::of(&own.view(), &context.scene)).collect();
             for ((own, sides), rows) in self.stored.iter().zip(&sides).zip(&mut rows) {
                 let view = own.view();
-                let refined = refine::refine(&context, view, sides, &around, std::mem::take(rows));
-                let Refined { mesh, rows: made, .. } = refined.expect("memory does not fail");
+                let kept = MemoryKept(std::mem::take(rows));
+                let refined = refine::refine(&context, view, sides, &around, &kept, &mut |_| unreachable!());
+                let Refined { mesh, mut made, gone, .. } = refined.expect("memory does not fail");
+                let changed: BTreeSet<_> = made.iter().map(Row::key).chain(gone).collect();
+                made.extend(kept.0.into_iter().filter(|row| !changed.contains(&row.key())));
+                made.sort_by_key(Row::key);
                 let lit = LitCluster::of(&mesh, &own.patches, &own.materials);
                 let above = mesh.rows_above();
-                let external = made.iter().map(|row| self.brought(row)).collect();
                 let materials = own.materials.clone();
-                members.push(Member { mesh, materials, lit, above, external, escapes: Vec::new() });
+                members.push(Member { mesh, materials, lit, above, external: Vec::new(), escapes: Vec::new() });
                 *rows = made;
             }
             let shapes = MemoryShapes { stored: &self.stored, sides: &sides };
             let inner = Inner::Converge { tolerance: 1e-6, q: 0.99 };
-            relax::relax(&mut members, &shapes, &mut MemoryRows(&rows), inner, (SEED, [1.0; 3]), &Quiet)
-                .expect("memory does not fail");
+            let (mut inside, same) = (MemoryRows { scene: self, rows: &rows }, (SEED, [1.0; 3]));
+            relax::take_over(&mut members, &shapes, &inside, same, &Quiet).expect("memory does not fail");
+            relax::relax(&mut members, &shapes, &mut inside, inner, same, &Quiet).expect("memory does not fail");
             for (own, member) in self.stored.iter().zip(&members) {
                 let (view, mesh) = (own.view(), &member.mesh);
                 for row in &mesh.rows {
@@ -306,13 +313,36 @@ impl Shapes for MemoryShapes<'_> {
 }
 
 /// Everything lies within the group.
-struct MemoryRows<'a>(&'a [Vec<Row>]);
+struct MemoryKept(Vec<Row>);
+
+impl Kept for MemoryKept {
+    fn keys(&self) -> Vec<(NodeName, Part)> {
+        self.0.iter().map(Row::key).collect()
+    }
+
+    fn row(&self, number: usize) -> Row {
+        self.0[number].clone()
+    }
+}
+
+struct MemoryRows<'a> {
+    scene: &'a MemoryScene,
+    rows: &'a [Vec<Row>],
+}
+
+impl Outside for MemoryRows<'_> {
+    fn each(&self, index: usize, visit: &mut dyn FnMut(&Halves, f32)) -> Result<()> {
+        self.rows[index].iter().for_each(|row| visit(&self.scene.brought(row), 0.0));
+        Ok(())
+    }
+}
 
 impl Inside for MemoryRows<'_> {
     fn each(&mut self, index: usize, members: &[Member], visit: &mut dyn FnMut(usize, &Halves)) -> Result<()> {
-        for (number, row) in self.0[index].iter().enumerate() {
+        let mut external = members[index].external.iter();
+        for (number, row) in self.rows[index].iter().enumerate() {
             let Found::Hits(hits) = &row.found else { continue };
-            let mut halves = members[index].external[number];
+            let mut halves = *external.next().expect("one of each indirect row");
             let weight = 1.0 / f32::from(row.rounds);
             for (hit, slot) in hits.iter().zip(slots(row.open)).filter(|(hit, _)| hit.side != NodeName::ESCAPE) {
                 let lit = &members[hit.side.cluster().0 as usize].lit;

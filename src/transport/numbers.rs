@@ -53,9 +53,6 @@ pub const LEAST_OF_LINE: usize = 6;
 /// Size of a lamp, in distances, below which its middle stands for it.
 pub const SMALL_LAMP: f64 = 0.1;
 
-/// Size of a lamp, in distances, above which rays to it are drawn by what each would bring.
-pub const LARGE_LAMP: f64 = 0.5;
-
 /// Lamps and bundles that rays from a place are shared out among, but for those near by.
 pub const CANDIDATES: usize = 12;
 
@@ -102,11 +99,9 @@ pub const MOST_GO_ON: f64 = 0.99;
 
 // What an iteration does.
 
-/// Energy balance up to which light adds up.
-pub const ADDS_UP: f64 = 0.001;
-
-/// Share of the tolerance below which what light is still to change, or its imbalance has drifted in an iteration, is
-/// nothing: where reflectance is high it is a bias of everything alike.
+/// Share below which what is left is nothing: of the tolerance for what light is still to change, or its imbalance has drifted
+/// in an iteration, since where reflectance is high it is a bias of everything alike; of what the last iteration changed for
+/// what is left to change within a group; of the balance that is allowed.
 pub const STILL: f64 = 0.1;
 
 /// Share of what leaves that rows may miss, in tolerances; more is wrong, not rough.
@@ -130,12 +125,6 @@ pub const TOGETHER: f64 = 0.25;
 
 /// Energy balance beyond which light that no longer changes is wrong all the same: twice what is promised.
 pub const BALANCED: f64 = 0.01;
-
-/// What is left to change within a group, relative to what the last iteration changed.
-pub const OF_OTHERS: f64 = 0.1;
-
-/// Below this a correction is luck.
-pub const LEAST_CORRECTION: f64 = 0.5;
 
 /// Least excess that a marking aims at, in squared tolerances: what iterations cost is not worth less.
 pub const LEAST_EXCESS: f64 = 0.15;

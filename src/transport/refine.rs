@@ -17,7 +17,7 @@ use crate::transport::nodes::places::{Draws, Places};
 use crate::transport::norm::Norm;
 use crate::transport::numbers;
 use crate::transport::oracle::{Act, Case, rounds_of_children};
-use crate::transport::row::{Found, Part, Row, add, slots};
+use crate::transport::row::{Found, Hit, Kept, Part, Row, add, scaled, slots};
 use crate::transport::source::{ClusterView, Clusters, exitance};
 
 /// What stays the same over a visit.
@@ -34,11 +34,18 @@ pub struct Context<'a> {
     pub threshold: f64,
     /// What light counts.
     pub norm: Norm,
+    /// What gathers are multiplied by.
+    pub gain: [f32; 3],
     /// `--min-element`, m, or 0.
     pub min_element_m: f64,
+    /// Bytes of rows made that are held before they are put away: never changes the result.
+    pub made_bytes: u64,
     /// Where interruption is asked for.
     pub progress: &'a dyn Progress,
 }
+
+/// Takes rows that were made, in order, so that they need not be held.
+pub type PutAway<'a> = dyn FnMut(&[Row]) -> Result<()> + 'a;
 
 /// What refinement did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -107,21 +114,29 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// A row that is being worked on.
+/// A row, and how good it is.
 struct Worked {
-    row: Row,
+    held: Held,
+    rounds: u16,
     fit: Fit,
-    is_changed: bool,
+}
+
+/// Where a row is.
+enum Held {
+    /// Where earlier visits left it, by number.
+    Kept(usize),
+    /// Here: it was made or changed.
+    Made(Row),
+    /// Put away: it was made or changed, and nothing more is to be done about it in this visit.
+    Away,
 }
 
 /// A cluster whose rows are made.
 pub struct Refined {
     /// Its elements, with the rows' lines by the light of the version that was read.
     pub mesh: Mesh,
-    /// Rows, in order; those of `mesh` are the same.
-    pub rows: Vec<Row>,
-    /// Which of them were made or changed.
-    pub changed: Vec<bool>,
+    /// Rows that were made or changed and not put away, in order.
+    pub made: Vec<Row>,
     /// Rows that are no more.
     pub gone: Vec<(NodeName, Part)>,
     /// What was done.
@@ -145,44 +160,51 @@ struct Refiner<'a, 'c> {
     sides: &'a Sides,
     around: &'a Around,
     mesh: Mesh,
+    kept: &'a dyn Kept,
     rows: BTreeMap<(NodeName, Part), Worked>,
     gone: Vec<(NodeName, Part)>,
     /// Rows beside much finer ones: [`grading::uneven`].
     uneven: BTreeSet<(NodeName, Part)>,
+    /// Of rows that were made and not put away, or of more.
+    made_bytes: u64,
     counts: Counts,
 }
 
-/// Refines a cluster with rows as an earlier visit left them (`stored`; none if there was none).
+/// Refines a cluster with rows as earlier visits left them. Those made go to `put_away` before they are too many.
 pub fn refine(
     context: &Context<'_>,
     view: ClusterView<'_>,
     sides: &Sides,
     around: &Around,
-    stored: Vec<Row>,
+    kept: &dyn Kept,
+    put_away: &mut PutAway<'_>,
 ) -> Result<Refined> {
     let mesh = Mesh::load(view.id, view.geometry.patches, &view.light);
-    let fits: BTreeMap<(NodeName, Part), Fit> =
-        mesh.rows.iter().map(|row| ((mesh.elements[row.element as usize].name, row.part), row.fit)).collect();
-    let worked = |row: Row| {
-        let fit = fits.get(&row.key()).copied().unwrap_or_default();
-        (row.key(), Worked { row, fit, is_changed: false })
-    };
-    // Rows that the light does not know any more are those of other lamps.
-    let (known, gone): (Vec<Row>, Vec<Row>) = stored.into_iter().partition(|row| fits.contains_key(&row.key()));
-    let (rows, gone) = (known.into_iter().map(worked).collect(), gone.iter().map(Row::key).collect());
+    let (mut rows, mut gone) = (BTreeMap::new(), Vec::new());
+    for (number, key) in kept.keys().into_iter().enumerate() {
+        match mesh.rows.binary_search_by_key(&key, |row| (mesh.elements[row.element as usize].name, row.part)) {
+            Ok(at) => {
+                let MeshRow { rounds, fit, .. } = mesh.rows[at];
+                rows.insert(key, Worked { held: Held::Kept(number), rounds, fit });
+            }
+            // Those of other lamps.
+            Err(_) => gone.push(key),
+        }
+    }
     let uneven = if context.threshold < f64::INFINITY {
         grading::uneven(&mesh, view.geometry.patches, &*context.lights.lit(view.id)?)
     } else {
         BTreeSet::new()
     };
     let counts = Counts::default();
-    let mut refiner = Refiner { context, view, sides, around, mesh, rows, gone, uneven, counts };
+    let mut refiner = Refiner { context, view, sides, around, mesh, kept, rows, gone, uneven, made_bytes: 0, counts };
     refiner.remake()?;
     let keys: Vec<_> = refiner.rows.keys().copied().collect();
     for key in keys {
         refiner.work_on(key)?;
+        refiner.put_away(put_away)?;
     }
-    refiner.begin()?;
+    refiner.begin(put_away)?;
     Ok(refiner.finish())
 }
 
@@ -200,7 +222,7 @@ impl Refiner<'_, '_> {
     }
 
     /// Gives rows to sides that have none.
-    fn begin(&mut self) -> Result<()> {
+    fn begin(&mut self, put_away: &mut PutAway<'_>) -> Result<()> {
         let mut done = vec![[false; 2]; 2 * self.view.geometry.patches.len()];
         for (name, part) in self.rows.keys() {
             done[name.patch_side().index()][*part as usize] = true;
@@ -223,6 +245,7 @@ impl Refiner<'_, '_> {
                 self.measure(name, part, rounds.max(numbers::FIRST_ROUNDS))?;
                 self.work_on((name, part))?;
             }
+            self.put_away(put_away)?;
         }
         Ok(())
     }
@@ -243,7 +266,7 @@ impl Refiner<'_, '_> {
         let Context { scene, lights, seed, .. } = self.context;
         let measured = Measured::of(&self.view, self.sides, name, part, *seed);
         let draws = Draws::of(&measured.node, part, *seed);
-        let before = self.rows.remove(&(name, part)).map(|worked| worked.row);
+        let before = self.rows.remove(&(name, part)).map(|worked| self.row(worked));
         let first = before.as_ref().map_or(0, |row| row.rounds);
         let found = match part {
             Part::Direct => {
@@ -270,9 +293,35 @@ impl Refiner<'_, '_> {
         };
         self.counts.measured += 1;
         let row = Row { element: name, part, rounds, open: measured.open(), found };
-        let fit = measured.fit(rounds, &self.halves(&row)?);
-        self.rows.insert(row.key(), Worked { row, fit, is_changed: true });
+        let fit = measured.fit(rounds, &scaled(&self.halves(&row)?, self.context.gain));
+        self.made_bytes += (row.len() * size_of::<Hit>()) as u64;
+        self.rows.insert(row.key(), Worked { held: Held::Made(row), rounds, fit });
         Ok(())
+    }
+
+    fn row(&self, worked: Worked) -> Row {
+        match worked.held {
+            Held::Kept(number) => self.kept.row(number),
+            Held::Made(row) => row,
+            Held::Away => unreachable!("what was put away is done"),
+        }
+    }
+
+    /// Puts rows away that were made, if they are many.
+    fn put_away(&mut self, put_away: &mut PutAway<'_>) -> Result<()> {
+        if self.made_bytes <= self.context.made_bytes {
+            return Ok(());
+        }
+        let mut rows = Vec::new();
+        for worked in self.rows.values_mut() {
+            if let Held::Made(_) = worked.held
+                && let Held::Made(row) = std::mem::replace(&mut worked.held, Held::Away)
+            {
+                rows.push(row);
+            }
+        }
+        self.made_bytes = 0;
+        put_away(&rows)
     }
 
     /// What arrives over a row by the light of the version.
@@ -306,11 +355,10 @@ impl Refiner<'_, '_> {
             if acts >= numbers::ACTS {
                 continue;
             }
-            let worked = &self.rows[&(name, part)];
-            let rounds = worked.row.rounds;
+            let Worked { rounds, fit, .. } = self.rows[&(name, part)];
             let at = self.mesh.nearest(name);
             let element = &self.mesh.elements[at];
-            let case = case(self.context, &self.view, &self.mesh, at, rounds, worked.fit);
+            let case = case(self.context, &self.view, &self.mesh, at, rounds, fit);
             let offer = case.offer().filter(|offer| offer.rate() >= self.context.threshold);
             let is_uneven = self.uneven.contains(&(name, part)) && case.may_be_split();
             let Some(act) = is_uneven.then_some(Act::Split).or(offer.map(|offer| offer.act)) else { continue };
@@ -324,12 +372,14 @@ impl Refiner<'_, '_> {
                         self.mesh.split(at, &self.view.geometry.patches[usize::from(name.patch_side().patch)]);
                     }
                     let worked = self.rows.remove(&(name, part)).expect("it is worked on");
+                    let whole = self.row(worked);
                     self.gone.push((name, part));
                     let measured = Measured::of(&self.view, self.sides, name, part, self.context.seed);
                     for quarter in 0..4 {
-                        let row = measured.places.of_child(&worked.row, quarter);
+                        let row = measured.places.of_child(&whole, quarter);
                         if row.rounds > 0 {
-                            self.rows.insert(row.key(), Worked { row, fit: Fit::default(), is_changed: true });
+                            let (rounds, fit) = (row.rounds, Fit::default());
+                            self.rows.insert(row.key(), Worked { held: Held::Made(row), rounds, fit });
                         }
                         self.measure(name.child(quarter), part, rounds_of_children(rounds))?;
                         open.push(((name.child(quarter), part), acts + 1));
@@ -341,17 +391,17 @@ impl Refiner<'_, '_> {
     }
 
     fn finish(self) -> Refined {
-        let Self { mut mesh, rows, gone, counts, .. } = self;
-        let mut refined = Vec::with_capacity(rows.len());
-        let mut changed = Vec::with_capacity(rows.len());
+        let Self { mut mesh, rows, mut gone, counts, .. } = self;
+        gone.retain(|key| !rows.contains_key(key));
+        let mut made = Vec::new();
         mesh.rows.clear();
-        for (_, Worked { row, fit, is_changed }) in rows {
-            let element = mesh.nearest(row.element) as u32;
-            mesh.rows.push(MeshRow { element, part: row.part, rounds: row.rounds, fit });
-            refined.push(row);
-            changed.push(is_changed);
+        for ((name, part), Worked { held, rounds, fit }) in rows {
+            mesh.rows.push(MeshRow { element: mesh.nearest(name) as u32, part, rounds, fit });
+            if let Held::Made(row) = held {
+                made.push(row);
+            }
         }
-        Refined { mesh, rows: refined, changed, gone, counts }
+        Refined { mesh, made, gone, counts }
     }
 }
 

@@ -114,3 +114,13 @@ impl Row {
         self.len() == 0
     }
 }
+
+/// Rows that a cluster has from earlier visits, in order of their keys. They may be most of what a task could hold: who
+/// works on one asks for it.
+pub trait Kept {
+    /// Their keys.
+    fn keys(&self) -> Vec<(NodeName, Part)>;
+
+    /// One of them, by number.
+    fn row(&self, number: usize) -> Row;
+}

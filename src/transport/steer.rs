@@ -41,10 +41,10 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let (known, known_error) = found.beside_what_rows_know();
     let Corrected { correction, error: correction_error, places } = found;
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
-    let squared = relative(error.rough * known.max(numbers::LEAST_CORRECTION));
-    let most = relative(error.rough * (known + 2.0 * known_error).max(numbers::LEAST_CORRECTION)).sqrt();
+    let squared = relative(error.rough * known);
+    let most = relative(error.rough * (known + 2.0 * known_error)).sqrt();
     // One place that is far off is all of the correction, and of its error: what the others know is worth casting for.
-    let surely = relative(error.rough * (known - known_error).max(numbers::LEAST_CORRECTION));
+    let surely = relative(error.rough * (known - known_error));
     let estimated_nrms = squared.sqrt();
     let estimated_nrms_error = 0.5 * (most - estimated_nrms);
     // Once it is good enough, a worse estimate has to be more than chance.
@@ -66,7 +66,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
             // Where nothing is left to be done, that is it.
             let aim = (surely - tolerance * tolerance).max(numbers::LEAST_EXCESS * tolerance * tolerance);
             // Rows promise as they know of their error.
-            let of_rows = aim * error.norm / known.max(numbers::LEAST_CORRECTION);
+            let of_rows = aim * error.norm / known;
             let threshold = oracle::threshold(&error.bins, of_rows, error.rays);
             (if threshold.is_some() { Phase::Mark } else { Phase::Close }, threshold)
         };
@@ -98,7 +98,8 @@ fn gain(before: [f64; 3], settling: Settling, tolerance: f64) -> [f64; 3] {
         if gone_w[c] > 0.0 { before[c] * left_w / gone_w[c] } else { before[c] }
     });
     // Nothing is to be gained where it adds up; what is off by more is wrong, not rough.
-    let adds_up = |c: usize| (after[c] - before[c]).abs() * gone_w[c] <= numbers::ADDS_UP * emitted_w[c];
+    let least = numbers::STILL * numbers::BALANCED;
+    let adds_up = |c: usize| (after[c] - before[c]).abs() * gone_w[c] <= least * emitted_w[c];
     let is_rough = after.iter().all(|gain| (gain - 1.0).abs() <= numbers::MOST_MISSED * tolerance);
     if is_rough && !(0..3).all(adds_up) { after } else { before }
 }
@@ -138,10 +139,11 @@ struct Corrected {
 
 impl Corrected {
     /// The correction, and its error, where rows alone are taken to be off by their own error as well (a normal prior about
-    /// 1 of deviation 1): few places in a small model tell less than that.
+    /// 1 of deviation 1): few places in a small model tell less than that. Nothing is known to be less than its own error.
     fn beside_what_rows_know(&self) -> (f64, f64) {
         let weight = 1.0 / (1.0 + self.error * self.error);
-        (1.0 + weight * (self.correction - 1.0), weight.sqrt() * self.error)
+        let error = weight.sqrt() * self.error;
+        ((1.0 + weight * (self.correction - 1.0)).max(error), error)
     }
 }
 
@@ -206,6 +208,11 @@ mod tests {
             (luck.estimated_nrms - 0.05 * 3.5f64.sqrt()).abs() < 1e-9,
             "one tenth of what few places say: {luck:?}"
         );
+        // What rows take for noise neighbours may have freed the light of: many places tell, few tell no less than they err.
+        let smooth = steer(&with(0.01, 0.2, 1e-9), &none, with_change(0.01), (0.06, 1.0));
+        assert!((smooth.estimated_nrms - 0.05 * 0.2f64.sqrt()).abs() < 1e-9, "{smooth:?}");
+        let few = steer(&with(0.01, -0.5, 0.5), &none, with_change(0.01), (0.06, 1.0));
+        assert!((few.estimated_nrms - 0.05 * 0.2f64.powf(0.25)).abs() < 1e-9, "{few:?}");
         assert_eq!(
             steer(&ErrorSums::default(), &none, with_change(0.0), (0.06, 1.0)).phase,
             Phase::Close,

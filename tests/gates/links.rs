@@ -11,10 +11,10 @@ use clerestory::geom::quadtree;
 use clerestory::model::ExtentKind;
 use clerestory::model::geometry::{GeometryView, PatchRecord};
 use clerestory::model::links::{LinksView, for_each_row};
-use clerestory::stages::link_extent::rows_of;
+use clerestory::stages::link_extent::ChainRows;
 use clerestory::store::{Snapshot, Store};
 use clerestory::transport::kernel::form_factor::point_to_polygon;
-use clerestory::transport::row::{Found, Hit, Part, Row, Share};
+use clerestory::transport::row::{Found, Hit, Kept, Part, Row, Share};
 use glam::DVec3;
 
 /// A solved scene of `data/`. Rows must be right whether or not the light that they bring balances.
@@ -44,7 +44,8 @@ impl Rows {
             all.patches.insert(id, geometry.parse(GeometryView::parse).unwrap().patches.to_vec());
             let extents = snapshot.links(id).unwrap();
             let views: Vec<LinksView<'_>> = extents.iter().map(|e| e.parse(LinksView::parse).unwrap()).collect();
-            all.rows.extend(rows_of(&views));
+            let rows = ChainRows::of(&views);
+            all.rows.extend((0..rows.keys().len()).map(|number| rows.row(number)));
         }
         assert!(all.rows.len() > 20, "{}: {} rows", all.title, all.rows.len());
         all

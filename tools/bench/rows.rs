@@ -3,6 +3,7 @@
 mod common;
 
 use clerestory::base::{Quiet, Result};
+use clerestory::stages::link_extent::ChainRows;
 use clerestory::stages::ray_scene::with_scene;
 use clerestory::stages::working_set::WorkingSet;
 use clerestory::store::{Snapshot, Store};
@@ -24,7 +25,9 @@ fn measure(store: &Store) -> Result<()> {
             seed: SEED,
             threshold: f64::INFINITY,
             norm: Norm::UNKNOWN,
+            gain: [1.0; 3],
             min_element_m: 0.0,
+            made_bytes: u64::MAX,
             progress: &Quiet,
         };
         let mut clusters = Vec::new();
@@ -39,9 +42,10 @@ fn measure(store: &Store) -> Result<()> {
         let ([rows, entries, rays], cpu_s) = common::best(|| {
             let mut done = [0; 3];
             for (loaded, sides, around) in &clusters {
-                let refined = refine(&context, loaded.view(), sides, around, Vec::new())?;
-                let entries = refined.rows.iter().map(Row::len).sum::<usize>();
-                let counts = [refined.rows.len() as u64, entries as u64, refined.counts.rays];
+                let none = ChainRows::of(&[]);
+                let refined = refine(&context, loaded.view(), sides, around, &none, &mut |_| unreachable!())?;
+                let entries = refined.made.iter().map(Row::len).sum::<usize>();
+                let counts = [refined.made.len() as u64, entries as u64, refined.counts.rays];
                 done = std::array::from_fn(|i| done[i] + counts[i]);
             }
             Ok(done.map(|count| count as f64))

@@ -6,15 +6,15 @@ mod common;
 use std::hint::black_box;
 
 use clerestory::base::{ClusterId, NodeName, Quiet, Result};
+use clerestory::model::links::for_each_row;
 use clerestory::stages::group_links::{Chain, GroupLinks, RowStore};
 use clerestory::stages::ray_scene::with_scene;
 use clerestory::stages::working_set::WorkingSet;
 use clerestory::store::{Snapshot, Store};
-use clerestory::transport::iterate::relax::{Inner, Inside, Member, Shapes, relax};
+use clerestory::transport::iterate::relax::{Inner, Inside, Member, Shapes, relax, take_over};
 use clerestory::transport::light::lit::LitCluster;
 use clerestory::transport::nodes::mesh::Mesh;
 use clerestory::transport::refine::Sides;
-use clerestory::transport::row::Found;
 use clerestory::transport::source::{ClusterView, Loaded};
 
 const SEED: u64 = 1;
@@ -43,12 +43,14 @@ fn member(view: &ClusterView<'_>) -> Member {
 
 /// Entries of a cluster that come from surfaces.
 fn entries(set: &WorkingSet<'_>, id: ClusterId) -> Result<usize> {
-    let rows = Chain::of(set, id, None)?.rows()?;
-    let of = |found: &Found| match found {
-        Found::Hits(hits) => hits.iter().filter(|hit| hit.side != NodeName::ESCAPE).count(),
-        Found::Shares(_) => 0,
-    };
-    Ok(rows.iter().map(|row| of(&row.found)).sum())
+    let chain = Chain::of(set, id, None)?;
+    let views = chain.views()?;
+    let mut count = 0;
+    for_each_row(&views, |of, row| {
+        let is_surface = |side: u32| views[of].sides[side as usize] != NodeName::ESCAPE.0;
+        count += views[of].entries(row).1.iter().filter(|hit| is_surface(hit.side)).count();
+    });
+    Ok(count)
 }
 
 /// Gathers over all rows.
@@ -68,17 +70,16 @@ fn measure(store: &Store) -> Result<()> {
     let (mut members, mut shapes) = (Vec::new(), Shaped { set: &set, clusters: &clusters, sides: Vec::new() });
     let mut count = 0;
     with_scene(&set, |open| {
-        for (index, &id) in clusters.iter().enumerate() {
+        for &id in &clusters {
             let loaded = set.mapped(id)?;
-            let mut member = member(&loaded.view());
-            (member.external, member.escapes) = rows.external(index)?;
-            members.push(member);
+            members.push(member(&loaded.view()));
             shapes.sides.push(Sides::of(&loaded.view(), &open.scene));
             count += entries(&set, id)?;
         }
         Ok(())
     })?;
-    let count = count as f64;
+    let (count, same) = (count as f64, (SEED, [1.0; 3]));
+    take_over(&mut members, &shapes, &rows, same, &Quiet)?;
     let (mut links, first_s) = common::best(|| {
         let mut links = GroupLinks::new(&rows, u64::MAX);
         sweep(&mut links, &members)?;
@@ -87,7 +88,7 @@ fn measure(store: &Store) -> Result<()> {
     let ((), sweeps_s) = common::best(|| (0..SWEEPS).try_for_each(|_| sweep(&mut links, &members)))?;
     let sweep_s = sweeps_s / f64::from(SWEEPS);
     let (_, relaxed_s) =
-        common::best(|| relax(&mut members, &shapes, &mut links, Inner::Gathers(SWEEPS), (SEED, [1.0; 3]), &Quiet))?;
+        common::best(|| relax(&mut members, &shapes, &mut links, Inner::Gathers(SWEEPS), same, &Quiet))?;
     common::print("office", "stored_links", count, "1");
     common::print("office", "name_resolution_per_s_core", count / (first_s - sweep_s), "1/s");
     common::print("office", "stored_link_sweep_per_s_core", count / sweep_s, "1/s");

@@ -20,10 +20,16 @@ pub struct Member {
     pub lit: LitCluster,
     /// Rows that each element has its light from: see [`Mesh::rows_above`].
     pub above: Vec<[u32; 2]>,
-    /// What each row receives from lamps and from outside the group.
+    /// What each indirect row receives from outside the group, in order.
     pub external: Vec<Halves>,
     /// Share of each row's rays that leaves the model.
     pub escapes: Vec<f32>,
+}
+
+/// Gives what a member's rows receive from lamps and from outside the group.
+pub trait Outside {
+    /// Calls `visit` for every row of member `index` in order, with the share of its rays that leaves the model.
+    fn each(&self, index: usize, visit: &mut dyn FnMut(&Halves, f32)) -> Result<()>;
 }
 
 /// Gives what a member's rows receive from within the group.
@@ -56,8 +62,38 @@ pub enum Inner {
 /// Most sweeps of one visit: a bound against a tolerance below rounding.
 const MOST_SWEEPS: u32 = 1000;
 
-/// Relaxes the group: clusters in order, each with the newest light of the others. `seed`: the places of rows derive
-/// from it. What arrives is multiplied by `gain`. Returns the sweeps.
+/// Takes over what comes from lamps and from outside: it does not change while the group is relaxed, so direct rows are
+/// fitted once. `seed`: the places of rows derive from it. What arrives is multiplied by `gain`.
+pub fn take_over(
+    members: &mut [Member],
+    shapes: &dyn Shapes,
+    outside: &dyn Outside,
+    (seed, gain): (u64, [f32; 3]),
+    progress: &dyn Progress,
+) -> Result<()> {
+    for (index, member) in members.iter_mut().enumerate() {
+        let Member { mesh, external, escapes, .. } = member;
+        let mut result = Ok(());
+        shapes.with(index, &mut |view, sides| {
+            let mut rows = mesh.rows.iter_mut();
+            result = outside.each(index, &mut |halves, escape| {
+                let row = rows.next().expect("rows are those of the mesh");
+                escapes.push(escape);
+                if row.part == Part::Indirect {
+                    external.push(*halves);
+                    return;
+                }
+                let name = mesh.elements[row.element as usize].name;
+                row.fit = Measured::of(view, sides, name, row.part, seed).fit(row.rounds, &scaled(halves, gain));
+            });
+        })?;
+        result?;
+        progress.at(index as u64 + 1);
+    }
+    Ok(())
+}
+
+/// Relaxes the group: clusters in order, each with the newest light of the others. Returns the sweeps.
 pub fn relax(
     members: &mut [Member],
     shapes: &dyn Shapes,
@@ -66,9 +102,6 @@ pub fn relax(
     (seed, gain): (u64, [f32; 3]),
     progress: &dyn Progress,
 ) -> Result<u32> {
-    for index in 0..members.len() {
-        fit_external(members, index, shapes, (seed, gain))?;
-    }
     let mut sweeps = 0;
     let mut last_change = f64::INFINITY;
     loop {
@@ -116,25 +149,4 @@ pub fn relax(
             return Ok(sweeps);
         }
     }
-}
-
-/// Direct light does not change while a group is relaxed.
-fn fit_external(
-    members: &mut [Member],
-    index: usize,
-    shapes: &dyn Shapes,
-    (seed, gain): (u64, [f32; 3]),
-) -> Result<()> {
-    let member = &mut members[index];
-    shapes.with(index, &mut |view, sides| {
-        for row in 0..member.mesh.rows.len() {
-            let of = &member.mesh.rows[row];
-            if of.part == Part::Direct {
-                let name = member.mesh.elements[of.element as usize].name;
-                let halves = scaled(&member.external[row], gain);
-                let fit = Measured::of(view, sides, name, of.part, seed).fit(of.rounds, &halves);
-                member.mesh.rows[row].fit = fit;
-            }
-        }
-    })
 }

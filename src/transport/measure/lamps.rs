@@ -204,7 +204,7 @@ impl LightTree {
             let bundle = &self.bundles[at as usize];
             match bundle.below {
                 Below::Lamp(lamp) => aim.add(self.brings(bundle, lamp, from, normal), at),
-                Below::Children(first) if bundle.radius_m >= numbers::LARGE_LAMP * bundle.centre.distance(from) => {
+                Below::Children(first) if bundle.radius_m >= LARGE * bundle.centre.distance(from) => {
                     open.extend([first, first + 1]);
                 }
                 Below::Children(_) => aim.add(bundle.expected(from, normal), at),
@@ -281,6 +281,9 @@ impl LightTree {
     }
 }
 
+/// Size, in distances, above which a lamp is cut into parts before a place of it is drawn, and a bundle into what is below it.
+const LARGE: f64 = numbers::MOST_CELLS as f64 * numbers::ALIKE;
+
 /// The largest number below 1.
 const BELOW_ONE: f64 = 1.0 - f64::EPSILON;
 
@@ -308,7 +311,7 @@ impl Aim {
 fn place_of(lamp: &Lamp, from: DVec3, normal: DVec3, [u, v]: [f64; 2], choice: f64) -> DVec3 {
     let (mut part, mut rest) = (lamp.shape, choice);
     let (mut size, least_m2) = (part.radius() / part.centre().distance(from), numbers::NOTHING * lamp.area_m2);
-    while size > numbers::MOST_CELLS as f64 * numbers::ALIKE && part.area() > least_m2 {
+    while size > LARGE && part.area() > least_m2 {
         let children: [Polygon; 4] = std::array::from_fn(|q| quadtree::child(&part, q as u32));
         let brings = children.each_ref().map(|child| point_to_polygon(from, normal, child));
         let Some(chosen) = choose(&brings, &mut rest) else { break };
