@@ -37,9 +37,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     let tolerance = asked * of_rows;
     let [lit, area] = error.lit;
     let lit_mean_w_m2 = if area > 0.0 { lit / area } else { 0.0 };
-    let found = corrected(error, before);
-    let (known, known_error) = found.beside_what_rows_know();
-    let Corrected { correction, error: correction_error, places } = found;
+    let Corrected { correction: known, error: known_error, places } = corrected(error, before);
     let relative = |squared: f64| if error.norm > 0.0 { squared / error.norm } else { 0.0 };
     let squared = relative(error.rough * known);
     let most = relative(error.rough * (known + 2.0 * known_error)).sqrt();
@@ -54,7 +52,7 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
     // What changes while rows are made better is their doing: no sweep has to come between markings.
     let is_settled =
         before.phase == Phase::Mark || settling.residual <= numbers::SETTLED * estimated_nrms.max(tolerance);
-    let is_known = correction != 0.0 || error.norm == 0.0;
+    let is_known = places > 0.0 || error.norm == 0.0;
     let gain = gain(before.gain, settling, asked);
     let is_done = excess <= 0.0 || settling.has_stalled;
     let (phase, threshold) =
@@ -76,8 +74,8 @@ pub fn steer(error: &ErrorSums, before: &Steering, settling: Settling, (asked, o
         lit_mean_w_m2,
         estimated_nrms,
         estimated_nrms_error,
-        correction,
-        correction_error,
+        correction: known,
+        correction_error: known_error,
         places,
         gain,
     }
@@ -137,32 +135,32 @@ struct Corrected {
     places: f64,
 }
 
-impl Corrected {
-    /// The correction, and its error, where rows alone are taken to be off by their own error as well (a normal prior about
-    /// 1 of deviation 1): few places in a small model tell less than that. Nothing is known to be less than its own error.
-    fn beside_what_rows_know(&self) -> (f64, f64) {
-        let weight = 1.0 / (1.0 + self.error * self.error);
-        let error = weight.sqrt() * self.error;
-        ((1.0 + weight * (self.correction - 1.0)).max(error), error)
-    }
-}
-
 /// From places measured anew in this iteration, and in those before: each counts alike, since few places say of
 /// themselves that they are precise where they have missed what is rare; those before count less, since light has changed.
+///
+/// Now and then one place that is far off is all of what an iteration's places tell, and of its error. So they are taken
+/// beside what was known before (a normal prior about it, with a deviation as large), at first that rows are right.
 fn corrected(error: &ErrorSums, before: &Steering) -> Corrected {
     let [squared, variance] = error.checked;
-    let known = Corrected { correction: before.correction, error: before.correction_error, places: before.places };
+    let known = match before.places {
+        0.0 => Corrected { correction: 1.0, error: 0.0, places: 0.0 },
+        places => Corrected { correction: before.correction, error: before.correction_error, places },
+    };
     if error.places == 0 {
-        return known;
+        return Corrected { places: before.places, ..known };
     }
     // Rows that know of no error at all are not off: there is nothing to be known.
     let rough = error.rough.max(f64::MIN_POSITIVE);
     let (now, now_error) = if error.rough > 0.0 { (squared / rough, variance.sqrt() / rough) } else { (1.0, 0.0) };
+    let weight = 1.0 / (1.0 + (now_error / known.correction).powi(2));
+    let (now, now_error) = (known.correction + weight * (now - known.correction), weight.sqrt() * now_error);
     let (new, old) = (error.places as f64, numbers::KEPT * known.places);
     let places = new + old;
     let of_both = |x: f64, y: f64| (x * new + y * old) / places;
     let error = of_both(now_error, 0.0).hypot(of_both(0.0, known.error));
-    Corrected { correction: of_both(now, known.correction), error, places }
+    // Nothing is known to be less than its own error.
+    let correction = of_both(now, known.correction).max(error).max(f64::MIN_POSITIVE);
+    Corrected { correction, error, places }
 }
 
 #[cfg(test)]
@@ -200,7 +198,7 @@ mod tests {
         // What rows do not know of is found where places are measured anew, and remembered.
         let wrong = steer(&with(0.01, 4.0, 1e-9), &none, with_change(0.01), (0.06, 1.0));
         assert!(wrong.phase == Phase::Mark && (wrong.estimated_nrms - 0.1).abs() < 1e-12, "{wrong:?}");
-        let later = steer(&with(0.01, 1.0, 0.1), &wrong, with_change(0.01), (0.06, 1.0));
+        let later = steer(&with(0.01, 1.0, 1e-9), &wrong, with_change(0.01), (0.06, 1.0));
         let kept = (1.0 + 4.0 * numbers::KEPT) / (1.0 + numbers::KEPT);
         assert!((later.correction - kept).abs() < 1e-9, "part of what was found before: {later:?}");
         let luck = steer(&with(0.01, 26.0, 3.0), &none, with_change(0.01), (0.06, 1.0));
@@ -213,6 +211,13 @@ mod tests {
         assert!((smooth.estimated_nrms - 0.05 * 0.2f64.sqrt()).abs() < 1e-9, "{smooth:?}");
         let few = steer(&with(0.01, -0.5, 0.5), &none, with_change(0.01), (0.06, 1.0));
         assert!((few.estimated_nrms - 0.05 * 0.2f64.powf(0.25)).abs() < 1e-9, "{few:?}");
+        // One place that is far off says little beside what many have told.
+        let known = Steering { correction: 3.0, correction_error: 0.2, places: 5000.0, ..none };
+        let mut outlier = with(0.01, 40.0, 37.0);
+        outlier.places = 1000;
+        let beside = steer(&outlier, &known, with_change(0.01), (0.06, 1.0));
+        assert!((3.0..3.1).contains(&beside.correction), "{beside:?}");
+        assert!((0.2..0.8).contains(&beside.correction_error), "{beside:?}");
         assert_eq!(
             steer(&ErrorSums::default(), &none, with_change(0.0), (0.06, 1.0)).phase,
             Phase::Close,
