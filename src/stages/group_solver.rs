@@ -129,7 +129,8 @@ impl GroupSolver<'_, '_> {
             norm: self.settings.norm,
             gain: self.settings.gain,
             min_element_m: self.settings.min_element_m,
-            made_bytes: self.settings.link_cache_bytes,
+            // Links that are kept nowhere are held.
+            made_bytes: if self.settings.keep_links { self.settings.link_cache_bytes } else { u64::MAX },
             progress: self.progress,
         }
     }

@@ -165,8 +165,9 @@ struct Refiner<'a, 'c> {
     gone: Vec<(NodeName, Part)>,
     /// Rows beside much finer ones: [`grading::uneven`].
     uneven: BTreeSet<(NodeName, Part)>,
-    /// Of rows that were made and not put away, or of more.
-    made_bytes: u64,
+    /// Rows that nothing more is to be done about and that were made since rows were put away, or more; and their bytes.
+    done: Vec<(NodeName, Part)>,
+    done_bytes: u64,
     counts: Counts,
 }
 
@@ -197,10 +198,27 @@ pub fn refine(
         BTreeSet::new()
     };
     let counts = Counts::default();
-    let mut refiner = Refiner { context, view, sides, around, mesh, kept, rows, gone, uneven, made_bytes: 0, counts };
-    refiner.remake()?;
-    let keys: Vec<_> = refiner.rows.keys().copied().collect();
-    for key in keys {
+    let mut refiner = Refiner {
+        context,
+        view,
+        sides,
+        around,
+        mesh,
+        kept,
+        rows,
+        gone,
+        uneven,
+        done: Vec::new(),
+        done_bytes: 0,
+        counts,
+    };
+    for MeshRow { element, part, rounds, fit } in std::mem::take(&mut refiner.mesh.rows) {
+        let key = (refiner.mesh.elements[element as usize].name, part);
+        if !refiner.rows.contains_key(&key) {
+            // The light tells of it and nobody has kept it: it comes out as it was.
+            refiner.measure(key.0, part, rounds)?;
+            refiner.rows.get_mut(&key).expect("just made").fit = fit;
+        }
         refiner.work_on(key)?;
         refiner.put_away(put_away)?;
     }
@@ -209,18 +227,6 @@ pub fn refine(
 }
 
 impl Refiner<'_, '_> {
-    /// Makes rows anew that the light tells of and nobody has kept: they come out as they were.
-    fn remake(&mut self) -> Result<()> {
-        for row in std::mem::take(&mut self.mesh.rows) {
-            let name = self.mesh.elements[row.element as usize].name;
-            if !self.rows.contains_key(&(name, row.part)) {
-                self.measure(name, row.part, row.rounds)?;
-                self.rows.get_mut(&(name, row.part)).expect("just made").fit = row.fit;
-            }
-        }
-        Ok(())
-    }
-
     /// Gives rows to sides that have none.
     fn begin(&mut self, put_away: &mut PutAway<'_>) -> Result<()> {
         let mut done = vec![[false; 2]; 2 * self.view.geometry.patches.len()];
@@ -294,7 +300,7 @@ impl Refiner<'_, '_> {
         self.counts.measured += 1;
         let row = Row { element: name, part, rounds, open: measured.open(), found };
         let fit = measured.fit(rounds, &scaled(&self.halves(&row)?, self.context.gain));
-        self.made_bytes += (row.len() * size_of::<Hit>()) as u64;
+        self.note(&row);
         self.rows.insert(row.key(), Worked { held: Held::Made(row), rounds, fit });
         Ok(())
     }
@@ -307,20 +313,29 @@ impl Refiner<'_, '_> {
         }
     }
 
-    /// Puts rows away that were made, if they are many.
+    /// Notes that a row was made and worked on, or is.
+    fn note(&mut self, row: &Row) {
+        self.done.push(row.key());
+        self.done_bytes += (row.len() * size_of::<Hit>()) as u64;
+    }
+
+    /// Puts rows away that were made and worked on, if they are many.
     fn put_away(&mut self, put_away: &mut PutAway<'_>) -> Result<()> {
-        if self.made_bytes <= self.context.made_bytes {
+        if self.done_bytes <= self.context.made_bytes {
             return Ok(());
         }
+        self.done.sort_unstable();
+        self.done.dedup();
         let mut rows = Vec::new();
-        for worked in self.rows.values_mut() {
-            if let Held::Made(_) = worked.held
-                && let Held::Made(row) = std::mem::replace(&mut worked.held, Held::Away)
+        for key in self.done.drain(..) {
+            if let Some(Worked { held, .. }) = self.rows.get_mut(&key)
+                && let Held::Made(_) = held
+                && let Held::Made(row) = std::mem::replace(held, Held::Away)
             {
                 rows.push(row);
             }
         }
-        self.made_bytes = 0;
+        self.done_bytes = 0;
         put_away(&rows)
     }
 
