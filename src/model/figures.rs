@@ -170,7 +170,7 @@ pub struct Steering {
     pub estimated_nrms: f64,
     /// Its standard error.
     pub estimated_nrms_error: f64,
-    /// Squared error where places were measured anew, relative to what the rows know; 0 before any were.
+    /// Squared error where places were measured anew, relative to what the rows know; 1 before any were.
     pub correction: f64,
     /// Its standard error.
     pub correction_error: f64,
@@ -188,7 +188,7 @@ impl Default for Steering {
             lit_mean_w_m2: 0.0,
             estimated_nrms: 0.0,
             estimated_nrms_error: 0.0,
-            correction: 0.0,
+            correction: 1.0,
             correction_error: 0.0,
             places: 0.0,
             gain: [1.0; 3],

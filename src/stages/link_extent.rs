@@ -113,17 +113,14 @@ pub struct LinkExtent<'a> {
 }
 
 impl<'a> LinkExtent<'a> {
-    /// Rows, those made anew beside those of a chain that no longer has them, in order; and, behind a chain that does
-    /// (`delta`), names of those that are no more.
+    /// Rows made, in order, beside those of a chain, which has none of them. `gone`: names of rows that are no more, if this
+    /// comes behind a chain that has them.
     #[must_use]
     pub fn new(chain: &ChainRows<'a>, made: &'a [Row], gone: Option<&[(NodeName, Part)]>) -> Self {
+        let (delta, gone, views) = (gone.is_some(), gone.unwrap_or_default(), chain.views);
         let stay = chain.heads.iter().map(|&(of, head)| Source::Kept(of, head));
         let mut rows: Vec<Source<'a>> = stay.chain(made.iter().map(Source::Made)).collect();
         rows.sort_by_key(|row| key(&row.head()));
-        Self::over(gone.is_some(), chain.views, rows, gone.unwrap_or_default())
-    }
-
-    fn over(delta: bool, views: &'a [LinksView<'a>], rows: Vec<Source<'a>>, gone: &[(NodeName, Part)]) -> Self {
         let (mut sides, mut known) = (Vec::new(), 0);
         let mut used: Vec<Vec<bool>> = views.iter().map(|view| vec![false; view.sides.len()]).collect();
         let mut heads: Vec<RowHead> = rows.iter().map(Source::head).collect();

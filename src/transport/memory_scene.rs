@@ -1,5 +1,5 @@
-//! A whole model in memory, solved as one group: the second implementation of [`Clusters`], [`Lights`], [`Shapes`] and
-//! [`Inside`], for tests.
+//! A whole model in memory, solved as one group: the second implementation of [`Clusters`], [`Lights`], [`Shapes`],
+//! [`Kept`], [`Outside`] and [`Inside`], for tests.
 
 use std::collections::BTreeSet;
 use std::rc::Rc;
@@ -312,7 +312,7 @@ impl Shapes for MemoryShapes<'_> {
     }
 }
 
-/// Everything lies within the group.
+/// Rows of the iteration before.
 struct MemoryKept(Vec<Row>);
 
 impl Kept for MemoryKept {
@@ -325,6 +325,7 @@ impl Kept for MemoryKept {
     }
 }
 
+/// Everything lies within the group.
 struct MemoryRows<'a> {
     scene: &'a MemoryScene,
     rows: &'a [Vec<Row>],

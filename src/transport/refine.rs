@@ -313,7 +313,7 @@ impl Refiner<'_, '_> {
         }
     }
 
-    /// Notes that a row was made and worked on, or is.
+    /// Notes a row that was made: it may be put away once the row that is being worked on is done.
     fn note(&mut self, row: &Row) {
         self.done.push(row.key());
         self.done_bytes += (row.len() * size_of::<Hit>()) as u64;

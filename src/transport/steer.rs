@@ -142,12 +142,9 @@ struct Corrected {
 /// beside what was known before (a normal prior about it, with a deviation as large), at first that rows are right.
 fn corrected(error: &ErrorSums, before: &Steering) -> Corrected {
     let [squared, variance] = error.checked;
-    let known = match before.places {
-        0.0 => Corrected { correction: 1.0, error: 0.0, places: 0.0 },
-        places => Corrected { correction: before.correction, error: before.correction_error, places },
-    };
+    let known = Corrected { correction: before.correction, error: before.correction_error, places: before.places };
     if error.places == 0 {
-        return Corrected { places: before.places, ..known };
+        return known;
     }
     // Rows that know of no error at all are not off: there is nothing to be known.
     let rough = error.rough.max(f64::MIN_POSITIVE);
