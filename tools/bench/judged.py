@@ -2,6 +2,7 @@
 
 import json
 import os
+import platform
 import resource
 import signal
 import subprocess
@@ -42,6 +43,36 @@ def output(*command, cwd=ROOT):
 
 def commit_of(revision):
     return output("git", "rev-parse", "--verify", revision + "^{commit}")
+
+
+def machine():
+    with open("/proc/cpuinfo") as file:
+        model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), None)
+    with open("/proc/meminfo") as file:
+        memory = next(int(line.split()[1]) for line in file if line.startswith("MemTotal"))
+    cores = len(os.sched_getaffinity(0))
+    return f"{cores} cores of {model or platform.machine()}, {memory / 2**20:.1f} GiB"
+
+
+def kept(path):
+    """Records of a file of JSON lines; none if there is no file."""
+    records = []
+    if os.path.exists(path):
+        with open(path) as file:
+            for line in file:
+                try:
+                    records.append(json.loads(line))
+                except ValueError:
+                    continue  # broken off: measured again
+    return records
+
+
+def keep(path, record):
+    """Appends a record to a file of JSON lines."""
+    os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
+    with open(path, "a") as file:
+        # On a line of its own, also after one that was broken off.
+        file.write("\n" + json.dumps(record) + "\n")
 
 
 def bake(arguments, scene, binary):

@@ -10,7 +10,6 @@ import argparse
 import datetime
 import json
 import os
-import platform
 import shutil
 import subprocess
 import sys
@@ -54,15 +53,6 @@ relaxing also fits lines to what arrives.
 
 {benches}
 """
-
-
-def machine():
-    with open("/proc/cpuinfo") as file:
-        model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), None)
-    with open("/proc/meminfo") as file:
-        memory = next(int(line.split()[1]) for line in file if line.startswith("MemTotal"))
-    cores = len(os.sched_getaffinity(0))
-    return f"{cores} cores of {model or platform.machine()}, {memory / 2**20:.1f} GiB"
 
 
 def scene_row(record):
@@ -134,15 +124,7 @@ def newest(records):
 
 
 def known(path, commit, on):
-    records = []
-    if os.path.exists(path):
-        with open(path) as file:
-            for line in file:
-                try:
-                    records.append(json.loads(line))
-                except ValueError:
-                    continue  # broken off: measured again
-    return newest(r for r in records if r["commit"] == commit and r["machine"] == on)
+    return newest(r for r in judged.kept(path) if r["commit"] == commit and r["machine"] == on)
 
 
 def is_done(records, scene, limit):
@@ -181,7 +163,7 @@ def main():
     arguments = parser.parse_args()
     judged.end_on_sigterm()
     refuse_changes()
-    commit, on = judged.commit_of("HEAD"), machine()
+    commit, on = judged.commit_of("HEAD"), judged.machine()
     records = known(arguments.results, commit, on)
 
     def keep(measured):
@@ -189,10 +171,7 @@ def main():
         records.append(record)
         if "failed" in measured:
             return  # tried again the next time
-        os.makedirs(os.path.dirname(os.path.abspath(arguments.results)), exist_ok=True)
-        with open(arguments.results, "a") as file:
-            # On a line of its own, also after one that was broken off.
-            file.write("\n" + json.dumps(record) + "\n")
+        judged.keep(arguments.results, record)
 
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(["cargo", "build", "--release", "--bin", "clerestory"], cwd=ROOT, check=True)
