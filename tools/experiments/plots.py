@@ -89,7 +89,7 @@ def plans(path, panels):
     """Boxes from above by colour: (title, boxes) each, boxes as `catalogue.boxes` gives them."""
     plt = pyplot()
     collections = importlib.import_module("matplotlib.collections")
-    columns = min(len(panels), 2)
+    columns = 2 if len(panels) % 3 else 3
     lines = -(-len(panels) // columns)
     across, up = (max(box[i + 2] for box in panels[0][1]) - min(box[i] for box in panels[0][1]) for i in (0, 1))
     # Titles and labels besides the plan itself.
