@@ -117,6 +117,14 @@ def make_store(store, iterations=3):
     to.close()
 
 
+def end_stage(store, name):
+    """As a stage does that has come to its end."""
+    to = sqlite3.connect(os.path.join(store, "scene.sqlite"))
+    to.execute("INSERT OR REPLACE INTO stages VALUES (?, '', '', '', '', '{}', 1, 0)", (name,))
+    to.commit()
+    to.close()
+
+
 def result(curve, share=0.5, wall_s=10.0, visits_s=15.0, residuals=(1.0, 0.4, 0.2), **more):
     """What `Session.solve` gives of a run."""
     iterations = [

@@ -25,6 +25,19 @@ def opened(store):
     return sqlite3.connect(f"file:{path}?mode=ro", uri=True)
 
 
+def has_stage(store, name):
+    """Whether a store has been through a stage."""
+    if not os.path.exists(os.path.join(store, "scene.sqlite")):
+        return False
+    catalogue = opened(store)
+    try:
+        return catalogue.execute("SELECT count(*) FROM stages WHERE name = ?", (name,)).fetchone()[0] > 0
+    except sqlite3.OperationalError:
+        return False  # broken off before it had tables
+    finally:
+        catalogue.close()
+
+
 def report(blob):
     """A task's report: powers are sums over red, green and blue, W."""
     head = HEAD.unpack_from(blob)

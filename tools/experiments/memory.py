@@ -10,9 +10,9 @@ from session import Failed, commands
 TITLE = "Memory and time against size (ours)"
 
 SETTING = (
-    "Furnished buildings of the generator; size 1 is {floors} floors of {rooms} rooms, larger ones have more floors,"
-    " smaller ones fewer rooms or floors. Memory is anonymous, of the largest process of each stage; what is mapped is"
-    " the system's to drop. Time is all of it: reading, visibility, grouping, solving."
+    "Furnished buildings of the generator; floors of size 1: {floors}, with {rooms} rooms each. Larger ones have more"
+    " floors, smaller ones fewer rooms or floors. Memory is anonymous, of the largest process of each stage; what is"
+    " mapped is the system's to drop. Time is all of it: reading, visibility, grouping, solving."
 )
 
 
@@ -111,6 +111,6 @@ def run(session, arguments):
         ("anonymous memory [MB]", [(name, line(f"{name}_mb")) for name in names]),
         ("time per patch [ms]", [("all stages", line("ms_a_patch"))]),
     ]
-    plots.growth(picture, panels, "patches")
+    plots.growth(picture, panels, "thousand patches")
     text = prose(arguments, of), [rows(of)], [("Memory of processes, and time per patch", picture)]
     publish(session, arguments, "memory", TITLE, text, ("generated buildings", results, listed))

@@ -8,6 +8,8 @@ HASH_SALT = "clerestory"
 # Boxes and bars are drawn in pixels: thousands of paths are no picture.
 PIXELS_PER_INCH = 110
 WIDTH_IN = 7.2
+# Times of one plot that want a logarithmic axis.
+FAR_APART = 10
 COLOURS = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#7f7f7f"]
 
 
@@ -40,12 +42,20 @@ def curves(path, series, x_label, y_label):
     """Lines with circles: (label, points, circles) each."""
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(WIDTH_IN, 3.8), layout="constrained")
+    ends = [points[-1][0] for _, points, _ in series]
+    # Those that end early are no line on the scale of one that ends late.
+    is_log = max(ends) > FAR_APART * min(ends) > 0
     for (label, points, circles), colour in zip(series, COLOURS * 3):
+        points = [point for point in points if point[0] > 0] if is_log else points
         axes.plot(*zip(*points), color=colour, label=label, linewidth=1.4)
         axes.plot(*zip(*circles), "o", color=colour, markersize=4, markerfacecolor="white")
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
-    axes.set_xlim(left=0)
+    if is_log:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(plt.FuncFormatter(lambda value, _: f"{value:,.4g}"))
+    else:
+        axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
     figure.legend(loc="outside upper center", ncols=2 if len(series) <= 4 else 3, frameon=False)
     save(plt, figure, path)
@@ -78,9 +88,12 @@ def growth(path, panels, x_label):
         for (label, points), colour, mark in zip(series, COLOURS, "os^v"):
             axes.plot(*zip(*points), marker=mark, color=colour, label=label, markersize=4, linewidth=1.2)
         axes.set_xscale("log")
+        sizes = [x for x, _ in series[0][1]]
+        axes.set_xticks(sizes, [f"{x / 1000:,.{0 if x >= 1e5 else 1}f}" for x in sizes])
+        axes.minorticks_off()
         axes.set_xlabel(x_label)
         axes.set_ylabel(y_label)
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.08 * max(y for _, points in series for _, y in points))
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     save(plt, figure, path)
 

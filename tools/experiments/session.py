@@ -106,12 +106,20 @@ class Session:
         name = digest(self.commit, self.program("clerestory")[1], model.key, *parts)[:12]
         return os.path.join(self.folder, "stores", f"{model.slug}-{name}.clr")
 
+    def stage(self, store, name, *words):
+        """What a stage says of a store; kept, so that a run that goes on later knows what it took."""
+        what = {"stage": name, "store": os.path.basename(store)}
+        make = lambda: self.run("clerestory", name, store, *words)
+        return self.measured(what, make, lambda: catalogue.has_stage(store, name))
+
     def prepare(self, model, store, memory=None):
         """Ingests and looks for what is visible; gives what both say."""
         os.makedirs(os.path.dirname(store), exist_ok=True)
         more = flags({"memory": memory})
-        ingest = self.run("clerestory", "ingest", store, *model.files, *flags({"units": model.units}), *more)
-        return {"ingest": ingest, "visibility": self.run("clerestory", "visibility", store, *more)}
+        return {
+            "ingest": self.stage(store, "ingest", *model.files, *flags({"units": model.units}), *more),
+            "visibility": self.stage(store, "visibility", *more),
+        }
 
     def prepared(self, model):
         """A store that is not solved, and what its stages say: for partitions alone."""
@@ -135,7 +143,7 @@ class Session:
             when = {"load": round(os.getloadavg()[0], 1), "date": f"{datetime.date.today()}"}
             stages = {**when, **self.prepare(model, store, memory)}
             more = flags({**partition, "memory": memory})
-            stages["partition"] = self.run("clerestory", "partition", store, *more)
+            stages["partition"] = self.stage(store, "partition", *more)
             stages["run"] = self.run("clerestory", "run", "--store", store, *flags(options))
             stages["history"] = catalogue.history(store)
             self.say(f"{name}: done in {time.monotonic() - begun:.1f} s")

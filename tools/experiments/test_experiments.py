@@ -93,6 +93,7 @@ class Tables(unittest.TestCase):
         self.assertAlmostEqual(of["grouping_share"], 1 / 13)
         heads, lines = five_floors.rows({"ours": result(FAST)})
         by = {line[0]: line[1:] for line in lines}
+        self.assertIn("0.36 % of the paper's patches", five_floors.prose({"ours": result(FAST)})[1])
         self.assertEqual(heads, ["", "the paper", "ours"])
         self.assertEqual(by["area"], ["48,998 m2", "50 m2"])
         self.assertEqual(by["links made a second"], ["620", "12"])

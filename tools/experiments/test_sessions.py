@@ -21,9 +21,10 @@ import canned as t
 verb, store = sys.argv[1], sys.argv[sys.argv.index("--store") + 1 if "--store" in sys.argv else 2]
 with open({log!r}, "a") as log:
     log.write(verb + "\\n")
-if {fails!r} == verb:
+if os.path.exists({log!r} + "." + verb):
     sys.exit("error: it is too large\\nhelp: give more memory")
 t.make_store(store)
+t.end_stage(store, verb)
 answer = t.result(t.FAST)
 print(json.dumps(answer.get(verb, answer["partition"])))
 """
@@ -38,14 +39,18 @@ class Sessions(unittest.TestCase):
         self.page = os.path.join(self.folder, "docs", "experiments.md")
         with open(self.model, "w") as file:
             file.write("# a box\n")
-        self.fake()
-
-    def fake(self, fails=""):
         self.binary = os.path.join(self.folder, "clerestory")
         here = os.path.dirname(os.path.abspath(__file__))
         with open(self.binary, "w") as file:
-            file.write(FAKE.format(python=sys.executable, here=here, log=self.log, fails=fails))
+            file.write(FAKE.format(python=sys.executable, here=here, log=self.log))
         os.chmod(self.binary, os.stat(self.binary).st_mode | stat.S_IXUSR)
+
+    def fails(self, verb, does):
+        """Has a verb fail from now on, or no longer."""
+        if does:
+            open(f"{self.log}.{verb}", "w").close()
+        else:
+            os.remove(f"{self.log}.{verb}")
 
     def run_driver(self, commit="a" * 40, **more):
         """Exit code, what was said, and the verbs that ran."""
@@ -81,15 +86,22 @@ class Sessions(unittest.TestCase):
         self.assertNotIn("a" * 40, text)
 
     def test_what_a_program_complains_of_is_told_with_what_to_do(self):
-        self.fake("visibility")
+        self.fails("visibility", True)
         code, said, verbs = self.run_driver()
         self.assertEqual((code, verbs), (1, ["ingest", "visibility"]))
         self.assertIn(
             "error: five-floors: clerestory visibility ended with 1: it is too large\nhelp: give more memory", said
         )
         self.assertFalse(os.path.exists(self.page))
-        self.fake()
+        self.fails("visibility", False)
         self.assertEqual(self.run_driver()[0], 0, "tried again")
+
+    def test_a_run_that_goes_on_keeps_what_its_stages_took(self):
+        self.fails("run", True)
+        self.assertEqual(self.run_driver()[0], 1)
+        self.fails("run", False)
+        code, said, verbs = self.run_driver()
+        self.assertEqual((code, verbs), (0, ["run"]), said)
 
     def test_a_record_broken_off_is_measured_again(self):
         self.run_driver()
