@@ -1,6 +1,7 @@
 """Models of the experiments: given files, the paper's own where they lie beside the project, or generated ones."""
 
 import glob
+import hashlib
 import os
 import shutil
 import subprocess
@@ -29,7 +30,17 @@ class Model:
         self.is_walkthru = any(is_walkthru(file) for file in self.files)
         self.name = f"{self.slug} ({WALKTHRU})" if self.is_walkthru else self.slug
         # What tells it apart from others; no paths, which are the machine's.
-        self.key = [self.slug, units, [[os.path.basename(file), os.path.getsize(file)] for file in self.files]]
+        self.key = [self.slug, units, [[os.path.basename(file), content(file)] for file in self.files]]
+
+
+def content(file):
+    """Hash of a model's file and of the materials that lie beside it under its name."""
+    found = hashlib.sha256()
+    for path in (file, os.path.splitext(file)[0] + ".mtl"):
+        if os.path.isfile(path):
+            with open(path, "rb") as data:
+                found.update(data.read())
+    return found.hexdigest()[:12]
 
 
 def is_walkthru(file):

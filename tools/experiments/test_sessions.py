@@ -79,6 +79,9 @@ class Sessions(unittest.TestCase):
         self.assertNotIn(self.folder, text)
         self.assertEqual(self.run_driver()[2], [], "known")
         self.assertEqual(self.run_driver(quality="final")[2], every, "other options")
+        with open(self.model, "a") as file:
+            file.write("v 0 0 0\n")
+        self.assertEqual(self.run_driver()[2], every, "another model")
         self.assertEqual(self.run_driver(commit="b" * 40)[2], every, "another commit")
         with open(self.page) as file:
             text = file.read()
