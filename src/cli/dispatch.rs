@@ -18,6 +18,7 @@ use super::{args::GcArgs, pages};
 use crate::base::memory::MemoryBudget;
 use crate::base::text::{for_shell, shown};
 use crate::base::{Error, Progress, Result};
+use crate::stages::entry::Store;
 use crate::stages::output::{self, Output};
 use crate::stages::{
     audit, check, entry, export, gc, ingest, merge, partition, render, run, sample, sample_files, settings,
@@ -32,6 +33,13 @@ pub struct Context<'a> {
     pub watch: &'a Watch,
     /// All flags, and where they come from.
     pub resolved: &'a Resolved,
+}
+
+impl Context<'_> {
+    /// The store that a verb works with.
+    fn open(&self, dir: &Path, wait: Duration) -> Result<Store> {
+        self.resolved.store.take().map_or_else(|| entry::open(dir, wait), Ok)
+    }
 }
 
 /// What a verb comes back with.
@@ -57,7 +65,7 @@ pub fn run(cli: Cli, context: &Context<'_>) -> Result<Done> {
         Verb::Partition(args) => do_partition(args, common, context),
         Verb::SolveGroup(args) => do_solve_group(args, common, context),
         Verb::Merge(args) => do_merge(args, common, context),
-        Verb::Status(args) => do_status(args, common),
+        Verb::Status(args) => do_status(args, common, context),
         Verb::Gc(args) => do_gc(args, common, context),
         Verb::Sample(args) => do_sample(args, common, context),
         Verb::Completions { shell } => return Ok(Done::Page(pages::completions(shell))),
@@ -73,8 +81,8 @@ pub fn run(cli: Cli, context: &Context<'_>) -> Result<Done> {
 }
 
 /// Lets the store remember what a stage was run with.
-fn remember(context: &Context<'_>, verb: &str, store: &Path, wait: Duration) -> Result<()> {
-    settings::record(store, wait, verb, &context.resolved.to_remember(verb))
+fn remember(context: &Context<'_>, verb: &str, store: &Store) -> Result<()> {
+    settings::record(store, verb, &context.resolved.to_remember(verb))
 }
 
 /// Options of an ingest from its flags.
@@ -111,7 +119,7 @@ fn do_ingest(args: IngestArgs, common: &Common, context: &Context<'_>) -> Result
         return Ok(Report::plan("ingest", store, &text));
     }
     let summary = ingest::execute(plan, context.progress)?;
-    remember(context, "ingest", &store, common.wait)?;
+    remember(context, "ingest", &entry::open(&store, common.wait)?)?;
     Ok(Report::of("ingest", store, &summary))
 }
 
@@ -122,7 +130,7 @@ pub fn cores() -> usize {
 }
 
 fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let workers = args.workers.workers.map_or_else(cores, |n| n as usize);
     let options =
         visibility::Options { missing: args.flags.missing, seed: args.seed.seed, workers, memory: common.memory };
@@ -137,13 +145,13 @@ fn do_visibility(args: VisibilityArgs, common: &Common, context: &Context<'_>) -
         entry::forget_visibility(&store)?;
     }
     let summary = visibility::execute(&visibility::plan(&store, &options)?, context.progress)?;
-    remember(context, "visibility", &args.store, common.wait)?;
+    remember(context, "visibility", &store)?;
     let next = Some(format!("clerestory partition {}", for_shell(&args.store)));
     Ok(Report { next, ..Report::new("visibility", args.store, &summary, summaries::visibility(&summary)) })
 }
 
 fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let options = partition::Options { method: args.method, groups: args.groups.groups, memory: common.memory };
     if args.writing.dry_run {
         let plan = partition::plan(&store, &options)?;
@@ -159,7 +167,7 @@ fn do_partition(args: PartitionArgs, common: &Common, context: &Context<'_>) -> 
         entry::forget_partition(&store)?;
     }
     let summary = partition::execute(&partition::plan(&store, &options)?, context.progress)?;
-    remember(context, "partition", &args.store, common.wait)?;
+    remember(context, "partition", &store)?;
     let next = Some(format!("clerestory solve-group {} --until-done", for_shell(&args.store)));
     Ok(Report { next, ..Report::new("partition", args.store, &summary, summaries::partition(&summary)) })
 }
@@ -203,7 +211,7 @@ pub fn solve_options(
 }
 
 fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let which = match args.which.group {
         Some(group) => solve_group::Which::Group(group),
         None if args.which.next => solve_group::Which::Next,
@@ -228,13 +236,13 @@ fn do_solve_group(args: SolveGroupArgs, common: &Common, context: &Context<'_>) 
     let resources = || context.watch.figures().used;
     let _process = entry::enter(&store, "solve-group", None)?;
     let summary = solve_group::execute(&plan, &resources, context.progress)?;
-    remember(context, "solve-group", &args.store, common.wait)?;
+    remember(context, "solve-group", &store)?;
     let next = status::read(&store)?.next;
     Ok(Report { next, ..Report::new("solve-group", args.store, &summary, summaries::solve_group(&summary)) })
 }
 
 fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let plan = merge::plan(&store)?;
     if args.dry_run {
         return Ok(Report::plan("merge", args.store, "publish the updates that wait"));
@@ -244,8 +252,8 @@ fn do_merge(args: MergeArgs, common: &Common, context: &Context<'_>) -> Result<R
     Ok(Report::of("merge", args.store, &summary))
 }
 
-fn do_status(args: StatusArgs, common: &Common) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+fn do_status(args: StatusArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
+    let store = context.open(&args.store, common.wait)?;
     let summary = status::read(&store)?;
     let mut report = Report::of("status", args.store.clone(), &summary);
     if args.settings {
@@ -259,7 +267,7 @@ fn do_status(args: StatusArgs, common: &Common) -> Result<Report> {
 }
 
 fn do_check(args: StoreArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let summary = check::execute(&store, context.progress)?;
     Ok(Report::of("check", args.store, &summary))
 }
@@ -310,7 +318,7 @@ fn do_gc(args: GcArgs, common: &Common, context: &Context<'_>) -> Result<Report>
 
 fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     refuse_two_documents(&args.output.output, common)?;
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     output::keep_off(&args.output.output, &args.store, &[&args.points])?;
     output::check(&args.output.output, args.output.force)?;
     let version = entry::version_to_read(&store, args.version)?;
@@ -326,7 +334,7 @@ fn do_sample(args: SampleArgs, common: &Common, context: &Context<'_>) -> Result
 }
 
 fn do_audit(args: AuditArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let options = audit::Options {
         places: args.places,
         seed: args.seed.seed,
@@ -346,7 +354,7 @@ fn do_audit(args: AuditArgs, common: &Common, context: &Context<'_>) -> Result<R
 
 fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     refuse_two_documents(&args.output.output, common)?;
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let options = render::Options {
         output: args.output.output.clone(),
         force: args.output.force,
@@ -371,7 +379,7 @@ fn do_render(args: RenderArgs, common: &Common, context: &Context<'_>) -> Result
 
 fn do_export(args: ExportArgs, common: &Common, context: &Context<'_>) -> Result<Report> {
     refuse_two_documents(&args.output.output, common)?;
-    let store = entry::open(&args.store, common.wait)?;
+    let store = context.open(&args.store, common.wait)?;
     let options =
         export::Options { output: args.output.output.clone(), force: args.output.force, version: args.version };
     output::keep_off(&args.output.output, &args.store, &[])?;

@@ -3,6 +3,7 @@
 //!
 //! The lower layers become clap's defaults, so that every value is checked and shown in one way.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
@@ -16,8 +17,9 @@ use serde::Serialize;
 use super::args::Cli;
 use crate::base::text::{from_stored, shown, stored};
 use crate::base::{Error, Result};
+use crate::stages::entry::Store;
 pub use crate::stages::settings::STAGES;
-use crate::stages::settings::recorded;
+use crate::stages::settings::{open, recorded};
 
 /// In the current folder.
 const FILE: &str = "clerestory.toml";
@@ -59,8 +61,13 @@ pub struct Setting {
 pub struct Resolved {
     /// As clap parsed it.
     pub matches: ArgMatches,
+    /// The store that was asked what it remembers, for a verb that works with it as it is.
+    pub store: Cell<Option<Store>>,
     lower: BTreeMap<String, (OsString, &'static str)>,
 }
+
+/// Verbs that make a store, or give room back before they open it.
+const OPEN_IT_THEMSELVES: [&str; 3] = ["run", "ingest", "gc"];
 
 /// The command.
 #[must_use]
@@ -88,9 +95,12 @@ pub fn resolve(line: &[OsString]) -> std::result::Result<Result<Resolved>, clap:
     let command = command();
     let first = command.clone().try_get_matches_from(line)?;
     let Some((verb, matches)) = first.subcommand() else {
-        return Ok(Ok(Resolved { matches: first, lower: BTreeMap::new() }));
+        return Ok(Ok(Resolved { matches: first, store: Cell::default(), lower: BTreeMap::new() }));
     };
-    let lower = match lower_layers(&command, verb, matches) {
+    let wait = matches.get_one::<Duration>("wait").copied().unwrap_or_default();
+    // A store that can't be read is the stage's to report.
+    let store = store_of(matches).and_then(|dir| open(&dir, wait).ok().flatten());
+    let lower = match lower_layers(&command, verb, matches, store.as_ref()) {
         Ok(lower) => lower,
         Err(error) => return Ok(Err(error)),
     };
@@ -101,7 +111,8 @@ pub fn resolve(line: &[OsString]) -> std::result::Result<Result<Resolved>, clap:
         })
     };
     let matches = set(command).mut_subcommand(verb, set).try_get_matches_from(line)?;
-    Ok(Ok(Resolved { matches, lower }))
+    let store = Cell::new(store.filter(|_| !OPEN_IT_THEMSELVES.contains(&verb)));
+    Ok(Ok(Resolved { matches, store, lower }))
 }
 
 /// Values of the environment, the file and the store for a verb's flags.
@@ -109,16 +120,15 @@ fn lower_layers(
     command: &Command,
     verb: &str,
     matches: &ArgMatches,
+    store: Option<&Store>,
 ) -> Result<BTreeMap<String, (OsString, &'static str)>> {
     let flags = flags_of(verb);
     let mut lower = BTreeMap::new();
     let is_fresh = matches.try_get_one::<bool>("fresh").ok().flatten().copied().unwrap_or(false);
-    if let Some(store) = store_of(matches)
+    if let Some(store) = store
         && !is_fresh
     {
-        let wait = matches.get_one::<Duration>("wait").copied().unwrap_or_default();
-        // A store that can't be read is the stage's to report.
-        for ((stage, flag), value) in recorded(&store, wait).unwrap_or_default() {
+        for ((stage, flag), value) in recorded(store).unwrap_or_default() {
             if let Some(flag) = flag_on(verb, &stage, &flag)
                 && flags.contains(&flag)
             {

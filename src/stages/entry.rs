@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use crate::base::Result;
 use crate::base::text::for_shell;
-use crate::store::{ProcessGuard, RunLock, Snapshot, Stage, Store, reserve};
+pub use crate::store::Store;
+use crate::store::{ProcessGuard, RunLock, Snapshot, Stage, reserve};
 
 /// Opens a store; exit code 10 if there is none. `wait`: for a busy one.
 pub fn open(dir: &Path, wait: Duration) -> Result<Store> {

@@ -86,8 +86,10 @@ pub struct Summary {
 const ELEMENTS_PER_PATCH: u64 = 100;
 const ELEMENT_BYTES: u64 = 300;
 
-/// Fewest groups by default: enough to schedule well on a few workers (N > 8 P in the paper).
+/// Fewest groups by default: enough to schedule well on a few workers (N > 8 P in the paper), unless each would have
+/// fewer patches than in the paper's best granularity (256 groups of 6,418 patches): a task has costs of its own.
 const LEAST_GROUPS: u64 = 16;
+const LEAST_PATCHES: u64 = 25;
 
 /// Bytes that grouping takes whatever the model, and for a pair of clusters that see each other.
 const BASE_BYTES: u64 = 16 << 20;
@@ -105,7 +107,8 @@ pub fn plan<'s>(store: &'s Store, options: &Options) -> Result<Plan<'s>> {
     require_memory(store, options.memory)?;
     let facts = store.facts()?;
     let elements_bytes = facts.patches * ELEMENTS_PER_PATCH * ELEMENT_BYTES;
-    let default = elements_bytes.div_ceil(options.memory.limit_bytes / 4).max(LEAST_GROUPS).min(facts.clusters);
+    let least = facts.patches.div_ceil(LEAST_PATCHES).min(LEAST_GROUPS);
+    let default = elements_bytes.div_ceil(options.memory.limit_bytes / 4).max(least).min(facts.clusters);
     let groups = options.groups.map_or(default, u64::from).clamp(1, facts.clusters.max(1)) as usize;
     let method = options.method.unwrap_or_default();
     let text = format!("{{\"method\":\"{}\",\"groups\":{groups}}}", method.name());

@@ -10,13 +10,14 @@ use crate::store::Store;
 /// The stages that remember settings.
 pub const STAGES: [&str; 4] = ["ingest", "visibility", "partition", "solve-group"];
 
-/// Everything that the store in `dir` remembers: (stage, flag) -> value. Empty without a store.
-pub fn recorded(dir: &Path, wait: Duration) -> Result<BTreeMap<(String, String), String>> {
+/// The store in `dir`, if there is one.
+pub fn open(dir: &Path, wait: Duration) -> Result<Option<Store>> {
+    if dir.join("scene.sqlite").is_file() { Store::open(dir, wait).map(Some) } else { Ok(None) }
+}
+
+/// Everything that a store remembers: (stage, flag) -> value.
+pub fn recorded(store: &Store) -> Result<BTreeMap<(String, String), String>> {
     let mut all = BTreeMap::new();
-    if !dir.join("scene.sqlite").is_file() {
-        return Ok(all);
-    }
-    let store = Store::open(dir, wait)?;
     for stage in STAGES {
         for (flag, value) in store.settings(stage)? {
             if !value.is_empty() {
@@ -28,9 +29,8 @@ pub fn recorded(dir: &Path, wait: Duration) -> Result<BTreeMap<(String, String),
 }
 
 /// Remembers what a stage was run with, as (flag, value); an empty value forgets the flag.
-pub fn record(dir: &Path, wait: Duration, stage: &str, settings: &[(String, String)]) -> Result<()> {
-    if settings.is_empty() {
-        return Ok(());
-    }
-    Store::open(dir, wait)?.put_settings(stage, settings)
+pub fn record(store: &Store, stage: &str, settings: &[(String, String)]) -> Result<()> {
+    let known: BTreeMap<_, _> = store.settings(stage)?.into_iter().collect();
+    let is_known = |(flag, value): &(String, String)| known.get(flag).map_or("", String::as_str) == value;
+    if settings.iter().all(is_known) { Ok(()) } else { store.put_settings(stage, settings) }
 }

@@ -48,13 +48,20 @@ fn bare(sql: &str) -> String {
     code.collect::<Vec<_>>().join(" ")
 }
 
+/// The same of our tables: read from the text that makes them, which takes less than making them.
+fn our_tables() -> BTreeMap<String, String> {
+    let named = |statement: &str| {
+        let name = statement.trim().strip_prefix("CREATE TABLE ")?.split([' ', '(']).next()?;
+        Some((name.to_owned(), statement.trim().to_owned()))
+    };
+    bare(SCHEMA).split(';').filter_map(named).collect()
+}
+
 /// Fails with damage unless a catalogue has our tables, each as we define it. Tables of others do no harm.
 pub(super) fn require_tables(connection: &Connection) -> Result<()> {
-    let model = Connection::open_in_memory()?;
-    model.execute_batch(SCHEMA)?;
     let mut wrong = Vec::new();
     let found = tables(connection)?;
-    for (name, definition) in tables(&model)? {
+    for (name, definition) in our_tables() {
         match found.get(&name) {
             None => wrong.push(format!("table {name} is missing")),
             Some(own) if *own != definition => wrong.push(format!("table {name} has other columns than ours")),
@@ -115,4 +122,17 @@ pub(super) fn complete(error: Error, dir: &Path) -> Error {
     error.with_help_for_damage(|| {
         format!("set it aside with `mv {name} {name}.damaged`, then run the command that made it again")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_read_from_the_text_as_the_catalogue_keeps_them() {
+        let made = Connection::open_in_memory().unwrap();
+        made.execute_batch(SCHEMA).unwrap();
+        assert_eq!(our_tables(), tables(&made).unwrap());
+        assert!(our_tables().len() > 20);
+    }
 }
