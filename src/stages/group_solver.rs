@@ -57,6 +57,8 @@ pub struct Settings {
     pub is_complete: bool,
     /// Whether nothing in the model emits: then there is nothing to measure.
     pub is_dark: bool,
+    /// Places that are measured anew, at least.
+    pub least_places: f64,
     /// Whether links are kept in the store.
     pub keep_links: bool,
     /// Bytes of decoded links held in memory: never changes the result.
@@ -291,7 +293,9 @@ impl GroupSolver<'_, '_> {
             *error = sum;
         }
         let rays_of_place = 2.0 * (numbers::CHECK_RAYS[0] + numbers::CHECK_RAYS[1]) as f64;
-        let count = (numbers::CHECKED * report.error.rays / rays_of_place).max(numbers::LEAST_CHECKED) as u64;
+        let count =
+            (numbers::CHECKED * report.error.rays / rays_of_place).max(self.settings.least_places).ceil().max(2.0)
+                as u64;
         let seed =
             mix(self.settings.seed ^ mix(self.settings.iteration ^ mix(u64::from(clusters[0].0) << 20 | 0xc4ec)));
         let exitance = |lamp: NodeName| exitance(self.set, lamp);
@@ -345,7 +349,7 @@ impl GroupSolver<'_, '_> {
         let n = count as f64;
         report.error.places += count;
         report.error.checked[0] += total / n;
-        report.error.checked[1] += ((squares / n - (total / n).powi(2)) / n).max(0.0);
+        report.error.checked[1] += ((squares / n - (total / n).powi(2)) / (n - 1.0)).max(0.0);
         Ok(())
     }
 }

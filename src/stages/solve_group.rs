@@ -255,6 +255,7 @@ fn solve(
         gain: steering.gain.map(|gain| gain as f32),
         is_complete: base.iteration > 0,
         is_dark,
+        least_places: numbers::LEAST_CHECKED / plan.groups as f64,
         keep_links: shaping.links == LinkStorage::Keep,
         link_cache_bytes: options.link_cache_bytes,
     };

@@ -273,6 +273,17 @@ impl Store {
         })
     }
 
+    /// The same without waiting for the disk: for what says who works right now, and measurements. A failure of power
+    /// may take it back, but nothing that [`Store::write`] wrote before or after it.
+    pub(super) fn note<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
+        self.require_writable()?;
+        let synchronous = |how: &str| self.connection.pragma_update(None, "synchronous", how);
+        synchronous("NORMAL")?;
+        let done = self.write(work);
+        synchronous("FULL")?;
+        done
+    }
+
     fn transaction<T>(&self, work: impl FnOnce(&Transaction<'_>) -> Result<T>) -> Result<T> {
         let run = || {
             let tx = Transaction::new_unchecked(&self.connection, TransactionBehavior::Immediate)?;

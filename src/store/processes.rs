@@ -62,7 +62,7 @@ impl<'s> ProcessGuard<'s> {
 
     fn insert(store: &'s Store, command: &str, reads_version: Option<u64>, lock: bool) -> Result<Self> {
         let pid = std::process::id();
-        let id = store.write(|tx| {
+        let id = store.note(|tx| {
             drop_dead(tx)?;
             tx.execute(
                 "INSERT INTO processes (pid, pid_started, host, command, holds_run_lock, reads_version, since)
@@ -79,7 +79,7 @@ impl Drop for ProcessGuard<'_> {
     fn drop(&mut self) {
         let Some(id) = self.id else { return };
         // A row that stays behind is dropped with the dead by the next process.
-        let _ = self.store.write(|tx| Ok(tx.execute("DELETE FROM processes WHERE id = ?1", [id])?));
+        let _ = self.store.note(|tx| Ok(tx.execute("DELETE FROM processes WHERE id = ?1", [id])?));
     }
 }
 
@@ -146,7 +146,7 @@ impl Store {
         if first == Some(0) {
             return Ok(Vec::new());
         }
-        self.write(|tx| {
+        self.note(|tx| {
             drop_dead(tx)?;
             let mut query =
                 tx.prepare("SELECT DISTINCT reads_version FROM processes WHERE reads_version IS NOT NULL")?;

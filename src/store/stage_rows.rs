@@ -178,7 +178,7 @@ impl Store {
 
     /// Records a measured figure.
     pub fn put_metric(&self, stage: &str, version: Option<u64>, name: &str, value: f64, unit: &str) -> Result<()> {
-        self.write(|tx| {
+        self.note(|tx| {
             tx.execute(
                 "INSERT INTO metrics (stage, version, name, value, unit, at)
                  VALUES (?1, ?2, ?3, ?4, ?5, unixepoch('subsec'))",

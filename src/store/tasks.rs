@@ -80,7 +80,7 @@ impl Store {
         worker: &Worker<'_>,
         choose: &mut dyn FnMut(&Offer) -> Option<u32>,
     ) -> Result<Option<Lease>> {
-        self.write(|tx| {
+        self.note(|tx| {
             self.void_dead_leases(tx, iteration)?;
             let group = match in_turn(tx, iteration)? {
                 Turn::Any => choose(&offer(tx, iteration, worker)?),
@@ -92,7 +92,7 @@ impl Store {
 
     /// Claims one group, if it is free.
     pub fn claim_group(&self, iteration: &Iteration, worker: &Worker<'_>, group: u32) -> Result<GroupClaim> {
-        self.write(|tx| {
+        self.note(|tx| {
             self.void_dead_leases(tx, iteration)?;
             let row: Option<(String, Option<u32>)> = tx
                 .query_row(
@@ -118,7 +118,7 @@ impl Store {
 
     /// Frees the tasks of workers that are gone; after [`DEATHS`] deaths a task has failed.
     pub fn release_dead(&self, iteration: &Iteration) -> Result<()> {
-        self.write(|tx| self.void_dead_leases(tx, iteration))
+        self.note(|tx| self.void_dead_leases(tx, iteration))
     }
 
     fn void_dead_leases(&self, tx: &Transaction<'_>, iteration: &Iteration) -> Result<()> {
@@ -142,7 +142,7 @@ impl Store {
 
     /// Gives a lease back, as when interrupted.
     pub fn give_back(&self, lease: &Lease, worker: &Worker<'_>) -> Result<()> {
-        self.write(|tx| {
+        self.note(|tx| {
             tx.execute(
                 "UPDATE tasks SET state = 'free', worker = NULL, worker_pid = NULL, segment = NULL
                  WHERE id = ?1 AND state = 'running' AND worker = ?2 AND attempt = ?3",

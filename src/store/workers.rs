@@ -20,7 +20,7 @@ impl<'s> Worker<'s> {
     pub fn start(store: &'s Store) -> Result<Self> {
         coordinator::follow(store)?;
         let segment = SegmentWriter::create(store, "update")?;
-        let id = store.write(|tx| {
+        let id = store.note(|tx| {
             drop_dead(store, tx)?;
             tx.execute(
                 "INSERT INTO workers (pid, segment, since) VALUES (?1, ?2, unixepoch('subsec'))",
@@ -39,7 +39,7 @@ impl<'s> Worker<'s> {
 
     /// Says which cluster versions this worker's caches hold now.
     pub fn holds(&self, clusters: &[(ClusterId, u64)]) -> Result<()> {
-        self.store.write(|tx| {
+        self.store.note(|tx| {
             tx.execute("DELETE FROM residency WHERE worker = ?1", [self.id])?;
             let mut put = tx.prepare_cached("INSERT OR REPLACE INTO residency VALUES (?1, ?2, ?3)")?;
             for (cluster, version) in clusters {

@@ -77,8 +77,8 @@ pub const CHECKED_ANYWHERE: f64 = 0.2;
 /// Share of the rays in rows that places measured anew may cost.
 pub const CHECKED: f64 = 0.03;
 
-/// Places measured anew in a group, at least.
-pub const LEAST_CHECKED: f64 = 32.0;
+/// Places measured anew in an iteration, at least.
+pub const LEAST_CHECKED: f64 = 64.0;
 
 // Points of `sample`, and paths.
 
