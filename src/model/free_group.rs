@@ -7,8 +7,13 @@ pub struct FreeGroup {
     pub group: u32,
     /// Predicted cost, any unit.
     pub cost: f64,
-    /// Share of its clusters that the asking worker holds, 0..=1.
-    pub held_here: f64,
+}
+
+/// Who holds a group's clusters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// Share of them that the asking worker holds, 0..=1.
+    pub here: f64,
     /// Share that another worker holds and the asking one does not.
-    pub held_elsewhere: f64,
+    pub elsewhere: f64,
 }

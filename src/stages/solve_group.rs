@@ -172,8 +172,8 @@ pub fn execute(plan: &Plan<'_>, resources: &dyn Fn() -> Resources, progress: &dy
 
 fn claim(plan: &Plan<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<Option<Lease>> {
     let Which::Group(group) = plan.options.which else {
-        return plan.store.claim(iteration, worker, &mut |offer| {
-            choose(plan.options.schedule, &offer.free, offer.taken, &offer.by_cost)
+        return plan.store.claim(iteration, worker, &mut |offer, held| {
+            choose(plan.options.schedule, &offer.free, (offer.taken, &offer.by_cost), held)
         });
     };
     let started = Instant::now();

@@ -10,9 +10,10 @@ use super::{
     ClusterRow, ExtentRef, IngestTx, Lease, ModelFacts, Offer, SegmentWriter, SolveSettings, Stage, StageRecord, Store,
     UpdateRow, Worker,
 };
-use crate::base::{ClusterId, NodeName, PatchSide};
+use crate::base::{ClusterId, NodeName, PatchSide, Result};
 use crate::model::ExtentKind;
 use crate::model::figures::Power;
+use crate::model::free_group::Held;
 use crate::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SideMaterial, TreeNode};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, RowLight};
@@ -201,6 +202,6 @@ pub fn solve_all(store: &Store, order: UpdateOrder, irradiance: f32) {
 }
 
 /// Chooses the costliest group.
-pub fn first(offer: &Offer) -> Option<u32> {
-    offer.free.first().map(|f| f.group)
+pub fn first(offer: &Offer, _: &mut dyn FnMut(u32) -> Result<Held>) -> Result<Option<u32>> {
+    Ok(offer.free.first().map(|f| f.group))
 }

@@ -6,6 +6,7 @@ use super::fixture::{self, first, settings, solve};
 use super::*;
 use crate::base::ClusterId;
 use crate::model::ExtentKind;
+use crate::model::free_group::Held;
 use crate::model::order::UpdateOrder;
 use crate::model::solve_options::SolveOptions;
 
@@ -87,17 +88,24 @@ fn a_worker_is_offered_groups_by_cost_with_what_it_and_others_hold() {
     let store = fixture::store(dir.path(), 6);
     fixture::partition(&store, 3);
     let iteration = store.open_iteration(None, &settings(UpdateOrder::Jacobi)).unwrap();
-    let (one, other) = (Worker::start(&store).unwrap(), Worker::start(&store).unwrap());
+    let (mut one, mut other) = (Worker::start(&store).unwrap(), Worker::start(&store).unwrap());
     one.holds(&[(ClusterId(0), 0), (ClusterId(3), 0)]).unwrap();
     other.holds(&[(ClusterId(0), 0), (ClusterId(1), 0)]).unwrap();
     let mut seen = Vec::new();
     store
-        .claim(&iteration, &one, &mut |offer| {
-            seen = offer.free.iter().map(|f| (f.group, f.held_here, f.held_elsewhere)).collect();
-            None
+        .claim(&iteration, &one, &mut |offer, held| {
+            for free in &offer.free {
+                let Held { here, elsewhere } = held(free.group)?;
+                seen.push((free.group, here, elsewhere));
+            }
+            Ok(None)
         })
         .unwrap();
     assert_eq!(seen, [(2, 0.0, 0.0), (1, 0.0, 0.5), (0, 1.0, 0.0)]);
+    one.holds(&[(ClusterId(3), 1), (ClusterId(4), 1)]).unwrap();
+    let held = "SELECT group_concat(cluster || ':' || version, ' ') FROM residency WHERE worker = 1";
+    let held: String = store.connection().query_row(held, [], |r| r.get(0)).unwrap();
+    assert_eq!(held, "3:1 4:1", "what it holds no more is gone");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::workers::{Worker, segment_is_free};
 use super::{ExtentRef, Store};
 use crate::base::{ClusterId, Error, Result};
 use crate::model::ExtentKind;
-use crate::model::free_group::FreeGroup;
+use crate::model::free_group::{FreeGroup, Held};
 use crate::model::order::UpdateOrder;
 use crate::model::report::TaskReport;
 
@@ -40,6 +40,9 @@ pub struct Offer {
     /// All groups, costliest first.
     pub by_cost: Vec<u32>,
 }
+
+/// Picks a group of an offer.
+pub type Choose<'c> = dyn FnMut(&Offer, &mut dyn FnMut(u32) -> Result<Held>) -> Result<Option<u32>> + 'c;
 
 /// What came of claiming a certain group.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,17 +76,13 @@ pub struct UpdateRow {
 }
 
 impl Store {
-    /// Claims the free group that `choose` picks; `None` if none is free or it picks none.
-    pub fn claim(
-        &self,
-        iteration: &Iteration,
-        worker: &Worker<'_>,
-        choose: &mut dyn FnMut(&Offer) -> Option<u32>,
-    ) -> Result<Option<Lease>> {
+    /// Claims the free group that `choose` picks; `None` if none is free or it picks none. It may ask who holds a group's
+    /// clusters.
+    pub fn claim(&self, iteration: &Iteration, worker: &Worker<'_>, choose: &mut Choose<'_>) -> Result<Option<Lease>> {
         self.note(|tx| {
             self.void_dead_leases(tx, iteration)?;
             let group = match in_turn(tx, iteration)? {
-                Turn::Any => choose(&offer(tx, iteration, worker)?),
+                Turn::Any => choose(&offer(tx, iteration)?, &mut |group| held(tx, worker, group))?,
                 Turn::Only(group) => Some(group),
             };
             group.map_or(Ok(None), |group| grant(tx, iteration, worker, group))
@@ -222,22 +221,16 @@ fn in_turn(tx: &Transaction<'_>, iteration: &Iteration) -> Result<Turn> {
     })
 }
 
-fn offer(tx: &Transaction<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Result<Offer> {
+fn offer(tx: &Transaction<'_>, iteration: &Iteration) -> Result<Offer> {
     let key = params![iteration.branch, iteration.number];
     let mut query = tx.prepare_cached(
-        "SELECT t.group_id, g.predicted_cost,
-                (SELECT count(*) FROM clusters c JOIN residency r ON r.cluster = c.id
-                 WHERE c.group_id = g.id AND r.worker = ?3) * 1.0 / g.clusters,
-                (SELECT count(*) FROM clusters c WHERE c.group_id = g.id
-                 AND EXISTS (SELECT 1 FROM residency r WHERE r.cluster = c.id AND r.worker <> ?3)
-                 AND NOT EXISTS (SELECT 1 FROM residency r WHERE r.worker = ?3 AND r.cluster = c.id)) * 1.0 / g.clusters
-         FROM tasks t JOIN groups g ON g.id = t.group_id
+        "SELECT t.group_id, g.predicted_cost FROM tasks t JOIN groups g ON g.id = t.group_id
          WHERE t.state = 'free' AND t.branch = ?1 AND t.iteration = ?2
-         ORDER BY g.predicted_cost DESC, g.id LIMIT ?4",
+         ORDER BY g.predicted_cost DESC, g.id LIMIT ?3",
     )?;
     let free = query
-        .query_map(params![iteration.branch, iteration.number, worker.id(), OFFERED], |r| {
-            Ok(FreeGroup { group: r.get(0)?, cost: r.get(1)?, held_here: r.get(2)?, held_elsewhere: r.get(3)? })
+        .query_map(params![iteration.branch, iteration.number, OFFERED], |r| {
+            Ok(FreeGroup { group: r.get(0)?, cost: r.get(1)? })
         })?
         .collect::<std::result::Result<_, _>>()?;
     let taken = tx.query_row(
@@ -248,6 +241,16 @@ fn offer(tx: &Transaction<'_>, iteration: &Iteration, worker: &Worker<'_>) -> Re
     let mut query = tx.prepare_cached("SELECT id FROM groups ORDER BY predicted_cost DESC, id")?;
     let by_cost = query.query_map([], |r| r.get(0))?.collect::<std::result::Result<_, _>>()?;
     Ok(Offer { free, taken, by_cost })
+}
+
+/// Who holds a group's clusters. They are few, what workers hold is much: so each cluster is looked up there.
+fn held(tx: &Transaction<'_>, worker: &Worker<'_>, group: u32) -> Result<Held> {
+    let mut query = tx.prepare_cached(
+        "SELECT avg(here), avg(NOT here AND EXISTS (SELECT 1 FROM residency WHERE cluster = id AND worker <> ?2))
+         FROM (SELECT id, EXISTS (SELECT 1 FROM residency WHERE worker = ?2 AND cluster = id) AS here
+               FROM clusters WHERE group_id = ?1)",
+    )?;
+    Ok(query.query_row(params![group, worker.id()], |r| Ok(Held { here: r.get(0)?, elsewhere: r.get(1)? }))?)
 }
 
 /// Marks a free task as the worker's. Tasks that may read what others wrote read the newest version.

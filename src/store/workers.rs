@@ -1,6 +1,8 @@
 //! Workers: each appends to a segment file of its own and keeps it locked as long as it lives; what
 //! it holds in its caches helps to choose its next group.
 
+use std::collections::BTreeMap;
+
 use rusqlite::{Transaction, params};
 
 use super::{SegmentWriter, Store, coordinator, files, locks};
@@ -10,6 +12,8 @@ use crate::base::{ClusterId, Result};
 pub struct Worker<'s> {
     store: &'s Store,
     id: i64,
+    /// What it has said that it holds: versions by cluster.
+    said: BTreeMap<u32, u64>,
     /// Where its updates go.
     pub segment: SegmentWriter,
 }
@@ -28,7 +32,7 @@ impl<'s> Worker<'s> {
             )?;
             Ok(tx.last_insert_rowid())
         })?;
-        Ok(Self { store, id, segment })
+        Ok(Self { store, id, said: BTreeMap::new(), segment })
     }
 
     /// Its number, never given again.
@@ -38,15 +42,24 @@ impl<'s> Worker<'s> {
     }
 
     /// Says which cluster versions this worker's caches hold now.
-    pub fn holds(&self, clusters: &[(ClusterId, u64)]) -> Result<()> {
+    pub fn holds(&mut self, clusters: &[(ClusterId, u64)]) -> Result<()> {
+        let now: BTreeMap<u32, u64> = clusters.iter().map(|(cluster, version)| (cluster.0, *version)).collect();
+        if now == self.said {
+            return Ok(());
+        }
         self.store.note(|tx| {
-            tx.execute("DELETE FROM residency WHERE worker = ?1", [self.id])?;
+            let mut drop = tx.prepare_cached("DELETE FROM residency WHERE worker = ?1 AND cluster = ?2")?;
+            for cluster in self.said.keys().filter(|cluster| !now.contains_key(cluster)) {
+                drop.execute(params![self.id, cluster])?;
+            }
             let mut put = tx.prepare_cached("INSERT OR REPLACE INTO residency VALUES (?1, ?2, ?3)")?;
-            for (cluster, version) in clusters {
-                put.execute(params![self.id, cluster.0, version])?;
+            for (cluster, version) in now.iter().filter(|(cluster, version)| self.said.get(cluster) != Some(version)) {
+                put.execute(params![self.id, cluster, version])?;
             }
             Ok(())
-        })
+        })?;
+        self.said = now;
+        Ok(())
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use clerestory::model::free_group::FreeGroup;
+use clerestory::model::free_group::{FreeGroup, Held};
 use clerestory::partition::schedule::{Policy, choose};
 use clerestory::store::tasks::OFFERED;
 
@@ -103,13 +103,17 @@ impl Replay<'_> {
     fn choose(&self, worker: usize, free: &[usize]) -> Option<usize> {
         let candidate = |&place: &usize| {
             let group = &self.recording.groups[place];
-            let (held_here, held_elsewhere) = self.fleet.shares(worker, group);
-            FreeGroup { group: group.id, cost: group.cost, held_here, held_elsewhere }
+            FreeGroup { group: group.id, cost: group.cost }
         };
         let candidates: Vec<FreeGroup> = free.iter().take(OFFERED as usize).map(candidate).collect();
         let taken = self.ids.len() - free.len();
-        let id = choose(self.settings.policy, &candidates, taken, &self.ids)?;
-        self.recording.groups.binary_search_by_key(&id, |group| group.id).ok()
+        let place = |id: u32| self.recording.groups.binary_search_by_key(&id, |group| group.id).ok();
+        let mut held = |id: u32| {
+            let shares = place(id).map(|place| self.fleet.shares(worker, &self.recording.groups[place]));
+            let (here, elsewhere) = shares.unwrap_or_default();
+            Ok(Held { here, elsewhere })
+        };
+        choose(self.settings.policy, &candidates, (taken, &self.ids), &mut held).ok().flatten().and_then(place)
     }
 
     fn count(&mut self, exchange: &Exchange, up: Option<u64>, down: Option<u64>) {
