@@ -61,6 +61,25 @@ fn a_replay_holds_the_recorded_tasks_and_is_the_same_every_time() {
 }
 
 #[test]
+fn a_timeline_has_a_line_for_each_task_of_the_last_number_of_workers() {
+    let dir = solved("jacobi");
+    let line = "rooms.clr --workers 8,2 --bandwidth 1M --latency 0.001 --json";
+    let found = simulated(dir.path(), &format!("{line} --timeline tasks.csv"));
+    assert_eq!(found, simulated(dir.path(), line), "what is found stays the same");
+    let mut reader = csv::Reader::from_path(dir.path().join("tasks.csv")).unwrap();
+    let heads = "workers worker iteration group download_begin_s begin_s end_s download_bytes upload_bytes";
+    assert!(reader.headers().unwrap().iter().eq(heads.split(' ')));
+    let rows: Vec<Vec<f64>> = reader.deserialize().map(|row| row.unwrap()).collect();
+    assert_eq!(found["tasks"], rows.len());
+    let two = &found["replays"][1];
+    let sum = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>();
+    assert_eq!((Some(sum(7)), Some(sum(8))), (two["download_bytes"].as_f64(), two["upload_bytes"].as_f64()));
+    let work_s = found["work_s"].as_f64().unwrap();
+    assert!((sum(6) - sum(5) - work_s).abs() < 1e-9 * work_s, "rounding alone: {} of {work_s} s", sum(6) - sum(5));
+    assert!(rows.iter().all(|row| row[0] == 2.0 && row[1] < 2.0 && row[6] <= two["makespan_s"].as_f64().unwrap()));
+}
+
+#[test]
 fn what_cannot_be_replayed_is_refused_with_what_to_do() {
     let dir = solved("sequential");
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/data/two_rooms_one_door.obj");

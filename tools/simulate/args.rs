@@ -23,7 +23,8 @@ The next bottleneck is what workers lose most time to:
 Examples:
   simulate office.clr
   simulate office.clr --workers 8,64 --schedule ffd --csv ffd.csv
-  simulate office.clr --master sync --bandwidth 1M --latency 0.01    # as in the paper";
+  simulate office.clr --master sync --bandwidth 1M --latency 0.01    # as in the paper
+  simulate office.clr --workers 8 --timeline tasks.csv               # who does what when";
 
 /// Replay a run's recorded tasks for any number of workers
 #[derive(Parser)]
@@ -57,6 +58,9 @@ pub struct Args {
     /// Write the table to a file as well
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Write what each worker does when, of the last of --workers, to a file: a line a task, times in s
+    #[arg(long, value_name = "FILE")]
+    pub timeline: Option<PathBuf>,
     #[command(flatten)]
     pub schedule: ScheduleFlags,
 }

@@ -28,6 +28,8 @@ pub struct Exchange {
     pub latency_s: f64,
     /// For bytes.
     pub moving_s: f64,
+    /// When the download begins, its latency included.
+    pub download_begin_s: f64,
     /// When the worker goes on.
     pub free_s: f64,
     /// When its update is in.
@@ -59,7 +61,12 @@ impl Line {
     /// ready first are served first: `ready_s` never falls from one call to the next.
     pub fn exchange(&mut self, ready_s: f64, up: Option<u64>, down: Option<u64>) -> Exchange {
         if up.is_none() && down.is_none() {
-            return Exchange { free_s: ready_s, delivered_s: ready_s, ..Exchange::default() };
+            return Exchange {
+                download_begin_s: ready_s,
+                free_s: ready_s,
+                delivered_s: ready_s,
+                ..Exchange::default()
+            };
         }
         match self.master {
             Master::Sync => self.one_at_a_time(ready_s, [up, down]),
@@ -76,15 +83,19 @@ impl Line {
     fn one_at_a_time(&mut self, ready_s: f64, transfers: [Option<u64>; 2]) -> Exchange {
         let start_s = ready_s.max(self.free_s[0]);
         let (mut latency_s, mut moving_s) = (0.0, 0.0);
+        let mut download_begin_s = start_s;
         for bytes in transfers.into_iter().flatten() {
             let (latency, moving) = self.costs.of(bytes);
+            // The download is the last.
+            download_begin_s = start_s + latency_s + moving_s;
             latency_s += latency;
             moving_s += moving;
         }
         let free_s = start_s + latency_s + moving_s;
         self.free_s[0] = free_s;
         self.busy_s[0] += latency_s + moving_s;
-        Exchange { waiting_s: start_s - ready_s, latency_s, moving_s, free_s, delivered_s: free_s }
+        let waiting_s = start_s - ready_s;
+        Exchange { waiting_s, latency_s, moving_s, download_begin_s, free_s, delivered_s: free_s }
     }
 
     /// Only bytes take their turn: latencies of several workers pass at the same time.
@@ -95,7 +106,8 @@ impl Line {
         let free_s = start_s + moving_s;
         self.free_s[direction] = self.free_s[direction].max(free_s);
         self.busy_s[direction] += moving_s;
-        Exchange { waiting_s: start_s - arrives_s, latency_s, moving_s, free_s, delivered_s: free_s }
+        let waiting_s = start_s - arrives_s;
+        Exchange { waiting_s, latency_s, moving_s, download_begin_s: ready_s, free_s, delivered_s: free_s }
     }
 }
 
@@ -111,6 +123,7 @@ mod tests {
         assert_eq!(line.exchange(1.0, None, Some(200)).free_s, 3.5);
         let second = line.exchange(1.0, Some(100), Some(100));
         assert_eq!((second.waiting_s, second.latency_s, second.moving_s, second.free_s), (2.5, 1.0, 2.0, 6.5));
+        assert_eq!(second.download_begin_s, 5.0, "after the upload");
         assert_eq!(line.busy_s(), 5.5);
 
         let mut line = Line::new(Master::Async, COSTS);
@@ -118,6 +131,7 @@ mod tests {
         let second = line.exchange(1.0, Some(100), Some(100));
         assert_eq!((second.waiting_s, second.latency_s, second.moving_s), (2.0, 0.5, 1.0), "both latencies at once");
         assert_eq!((second.free_s, second.delivered_s), (4.5, 2.5), "up and down pass each other");
+        assert_eq!(second.download_begin_s, 1.0, "beside the upload");
         assert_eq!(line.busy_s(), 3.0);
     }
 

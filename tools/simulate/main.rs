@@ -22,7 +22,7 @@ use self::args::Args;
 use self::line::Costs;
 use self::outcome::Row;
 use self::recording::Recording;
-use self::replay::{Settings, replay};
+use self::replay::{Settings, replay, timeline};
 
 /// What was found.
 #[derive(Serialize)]
@@ -52,6 +52,9 @@ fn simulate(args: &Args) -> Result<()> {
     };
     if let Some(file) = &args.csv {
         write_csv(file, &summary.replays)?;
+    }
+    if let (Some(file), Some(&workers)) = (&args.timeline, args.workers.last()) {
+        write_csv(file, &timeline(&recording, settings, workers.into()))?;
     }
     if args.json {
         let text = serde_json::to_string_pretty(&summary).expect("a summary has no keys but strings");
@@ -87,7 +90,7 @@ fn table(summary: &Summary) -> String {
     text
 }
 
-fn write_csv(file: &Path, rows: &[Row]) -> Result<()> {
+fn write_csv(file: &Path, rows: &[impl Serialize]) -> Result<()> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
         writer.serialize(row).expect("numbers and names always serialise");

@@ -31,6 +31,29 @@ pub struct Outcome {
     pub upload_bytes: u64,
 }
 
+/// A replayed task: a line of the timeline. Times are s since the first download began.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Visit {
+    /// How many.
+    pub workers: usize,
+    /// Which of them, from 0.
+    pub worker: usize,
+    /// As recorded.
+    pub iteration: u64,
+    /// Its number.
+    pub group: u32,
+    /// When what the worker lacks begins to come.
+    pub download_begin_s: f64,
+    /// When solving begins.
+    pub begin_s: f64,
+    /// When it ends.
+    pub end_s: f64,
+    /// What the worker lacked.
+    pub download_bytes: u64,
+    /// What it wrote.
+    pub upload_bytes: u64,
+}
+
 /// Below this share of all workers' time a loss is none.
 const LEAST_LOSS: f64 = 1e-3;
 

@@ -41,6 +41,8 @@ pub struct Group {
 /// An iteration.
 #[derive(Clone)]
 pub struct Iteration {
+    /// Its number, from 1.
+    pub number: u64,
     /// Whether updates are versions at once (copy-update-replace), not all together at the end.
     pub replaces: bool,
     /// By cluster: bytes of its light.
@@ -147,7 +149,7 @@ fn iteration(
         Ok(Task { group: place, time_s: time_s.max(0.0), links_bytes, upload_bytes: used.bytes_written })
     });
     let replaces = rows[0].order == UpdateOrder::Replace;
-    Ok(Iteration { replaces, light_bytes, tasks: tasks.collect::<Result<_>>()? })
+    Ok(Iteration { number: rows[0].iteration, replaces, light_bytes, tasks: tasks.collect::<Result<_>>()? })
 }
 
 fn groups(snapshot: &Snapshot<'_>, ids: &[ClusterId]) -> Result<Vec<Group>> {
@@ -195,10 +197,10 @@ pub mod tests {
             let visible = BTreeSet::from([i, (i + 1) % count]).into_iter().collect();
             Group { id: i as u32, cost: times_s[0][i], own: vec![i], visible }
         };
-        let iterations = times_s.iter().map(|times_s| {
+        let iterations = (1..).zip(times_s).map(|(number, times_s)| {
             let task = |(group, &time_s)| Task { group, time_s, links_bytes: 1, upload_bytes: 20 };
             let tasks = times_s.iter().enumerate().map(task).collect();
-            Iteration { replaces: false, light_bytes: vec![10; count], tasks }
+            Iteration { number, replaces: false, light_bytes: vec![10; count], tasks }
         });
         Recording::new((0..count).map(group).collect(), vec![100; count], iterations.collect())
     }

@@ -9,7 +9,7 @@ use clerestory::store::tasks::OFFERED;
 use super::args::Master;
 use super::fleet::Fleet;
 use super::line::{Costs, Exchange, Line};
-use super::outcome::Outcome;
+use super::outcome::{Outcome, Visit};
 use super::recording::{Iteration, Recording};
 
 /// How to replay.
@@ -27,6 +27,16 @@ pub struct Settings {
 
 /// Replays a recording for `workers` workers, who hold nothing at first.
 pub fn replay(recording: &Recording, settings: Settings, workers: usize) -> Outcome {
+    let replay = replayed(recording, settings, workers);
+    Outcome { master_busy_s: replay.line.busy_s() + replay.outcome.merge_s, ..replay.outcome }
+}
+
+/// What each of `workers` workers does when in such a replay, in the order in which tasks are taken.
+pub fn timeline(recording: &Recording, settings: Settings, workers: usize) -> Vec<Visit> {
+    replayed(recording, settings, workers).visits
+}
+
+fn replayed(recording: &Recording, settings: Settings, workers: usize) -> Replay<'_> {
     let mut by_cost: Vec<usize> = (0..recording.groups.len()).collect();
     by_cost.sort_by(|&a, &b| recording.groups[b].cost.total_cmp(&recording.groups[a].cost).then(a.cmp(&b)));
     let ids = by_cost.iter().map(|&group| recording.groups[group].id).collect();
@@ -38,11 +48,12 @@ pub fn replay(recording: &Recording, settings: Settings, workers: usize) -> Outc
         fleet: Fleet::new(recording, workers),
         line: Line::new(settings.master, settings.costs),
         outcome: Outcome { workers, work_s: recording.work_s(), ..Outcome::default() },
+        visits: Vec::with_capacity(recording.tasks()),
     };
     for iteration in &recording.iterations {
         replay.iteration(iteration);
     }
-    Outcome { master_busy_s: replay.line.busy_s() + replay.outcome.merge_s, ..replay.outcome }
+    replay
 }
 
 struct Replay<'r> {
@@ -54,6 +65,7 @@ struct Replay<'r> {
     fleet: Fleet<'r>,
     line: Line,
     outcome: Outcome,
+    visits: Vec<Visit>,
 }
 
 /// Bits of a time that is not negative: in the order of times.
@@ -88,7 +100,9 @@ impl Replay<'_> {
                     free.retain(|&group| group != task);
                     solvers.push((worker, task));
                     solved[worker] = next;
-                    ready.insert((bits(exchange.free_s + iteration.tasks[task].time_s), worker));
+                    let visit = self.visit(iteration, task, (worker, &exchange, down.unwrap_or(0)));
+                    ready.insert((bits(visit.end_s), worker));
+                    self.visits.push(visit);
                 }
                 None => free_s += exchange.free_s,
             }
@@ -114,6 +128,21 @@ impl Replay<'_> {
             Ok(Held { here, elsewhere })
         };
         choose(self.settings.policy, &candidates, (taken, &self.ids), &mut held).ok().flatten().and_then(place)
+    }
+
+    fn visit(&self, iteration: &Iteration, task: usize, to: (usize, &Exchange, u64)) -> Visit {
+        let ((worker, exchange, download_bytes), task) = (to, &iteration.tasks[task]);
+        Visit {
+            workers: self.outcome.workers,
+            worker,
+            iteration: iteration.number,
+            group: self.recording.groups[task.group].id,
+            download_begin_s: exchange.download_begin_s,
+            begin_s: exchange.free_s,
+            end_s: exchange.free_s + task.time_s,
+            download_bytes,
+            upload_bytes: task.upload_bytes,
+        }
     }
 
     fn count(&mut self, exchange: &Exchange, up: Option<u64>, down: Option<u64>) {

@@ -104,6 +104,37 @@ fn every_second_of_every_worker_is_accounted_for() {
     }
 }
 
+/// Who does what when says the same as the sums.
+#[test]
+fn visits_of_a_worker_follow_each_other_and_add_up_to_the_totals() {
+    let (first, second) = (odd_times(40, 1), odd_times(40, 2));
+    let mut run = recording(&[&first, &second, &first]);
+    run.iterations[1].replaces = true;
+    let slow = Costs { bandwidth: Some(64), latency_s: 0.125 };
+    let ways = POLICIES.into_iter().flat_map(|p| MASTERS.map(|m| (p, m))).flat_map(|way| [(way, FREE), (way, slow)]);
+    for (((policy, master), costs), workers) in ways.flat_map(|way| [1, 2, 7, 100].map(|workers| (way, workers))) {
+        let settings = settings(policy, master, costs);
+        let (visits, o) = (timeline(&run, settings, workers), replay(&run, settings, workers));
+        let mut free_s = vec![0.0; workers];
+        for visit in &visits {
+            assert!(free_s[visit.worker] <= visit.download_begin_s, "{visit:?} after {}", free_s[visit.worker]);
+            assert!(visit.download_begin_s <= visit.begin_s && visit.begin_s <= visit.end_s, "{visit:?}");
+            free_s[visit.worker] = visit.end_s;
+        }
+        let last_s = free_s.into_iter().fold(0.0, f64::max);
+        // Uploads come after.
+        let is_end = if costs.bandwidth.is_none() { last_s == o.makespan_s } else { last_s < o.makespan_s };
+        assert!(is_end, "{policy:?} {master:?} {workers}: {last_s} of {} s", o.makespan_s);
+        let work_s: f64 = visits.iter().map(|visit| visit.end_s - visit.begin_s).sum();
+        assert!((work_s - o.work_s).abs() < 1e-9 * o.work_s, "rounding alone: {work_s} of {} s", o.work_s);
+        assert_eq!(visits.iter().map(|visit| visit.download_bytes).sum::<u64>(), o.download_bytes);
+        assert_eq!(visits.iter().map(|visit| visit.upload_bytes).sum::<u64>(), o.upload_bytes);
+        let mut solved: Vec<_> = visits.iter().map(|visit| (visit.iteration, visit.group)).collect();
+        solved.sort_unstable();
+        assert!(solved.into_iter().eq((1..4).flat_map(|i| (0..40).map(move |group| (i, group)))), "each once");
+    }
+}
+
 #[test]
 fn results_do_not_depend_on_the_order_of_groups_and_tasks() {
     let times = odd_times(30, 3);
