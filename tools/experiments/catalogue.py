@@ -271,23 +271,25 @@ def words(code, data):
     return found
 
 
-def reuse(done, shares):
-    """Share of the uses of links that find them made, over visits: the paper's figure.
+def reuse(done, shares=None):
+    """Share of the uses of links that find them made, over visits.
 
-    A visit uses every link once, and those from within its group once more for each further gather. Made in it are
-    those that it stores and did not take over.
+    A visit uses every link once; with each further gather all of them once more, or those from within its group alone,
+    where `shares` has their share by group. Made in it are those that it stores and did not take over.
     """
     uses = made = 0.0
     for visit in done:
-        inside = shares.get(visit["group"], 0.0) * visit["stored"]
-        uses += visit["stored"] + max(0, visit["gathers"] - 1) * inside
+        again = 1.0 if shares is None else shares.get(visit["group"], 0.0)
+        uses += visit["stored"] * (1.0 + max(0, visit["gathers"] - 1) * again)
         made += visit["stored"] - visit["reused"]
     return 1.0 - made / uses if uses else None
 
 
 def reuse_of_store(store, shares):
+    """Both shares: {every, inside}, with each gather all links or those from within the group alone."""
     catalogue = opened(store)
     try:
-        return reuse(visits(catalogue), shares)
+        done = visits(catalogue)
+        return {"every": reuse(done), "inside": reuse(done, shares)}
     finally:
         catalogue.close()

@@ -22,14 +22,17 @@ SETTING = (
     " sweep over everything that makes every link anew, which is the worst case of the paper's LRU cache, and here it"
     " is so by construction, however much fits into the cache. Grouped is Merge with two gathers a visit (`--inner 2`):"
     " the second finds the links made. As a control the same with `--links keep`, where links stay in the store. What"
-    " comes from outside a group is gathered once a visit, as in the paper."
+    " comes from outside a group is gathered once a visit."
 )
 COUNTING = (
-    "Reused in uses: of all uses of links, those that found them made, the paper's figure; a visit uses each link once,"
-    " and those from within its group (their share is counted in the link extents of the control) again with the second"
-    " gather. Reused over visits: `links_reused` over `links_stored`, summed over iterations, which counts no gathers."
-    " `links_evaluated` of the JSON document counts rows of links, not links, so links made are taken as stored less"
-    " reused."
+    "Reused is the share of the uses of links that find them made. \"Every link with each gather\": a visit uses each"
+    " of its links as often as it gathers; with k gathers (k-1)/k are reused by that alone, with nothing kept between"
+    " visits."
+    " \"Links within the group alone, gathered again\": it uses each once, and those from within its group (their share"
+    " is counted in the link extents of the control) once more for each further gather, which is what the program does."
+    " Gathers are those that visits report. Links made are those stored less those reused, and stay for their visit:"
+    " what does not fit into the cache is read again, not made again. Reused over visits: `links_reused` over"
+    " `links_stored`, summed over iterations, which counts no gathers."
 )
 
 
@@ -59,7 +62,8 @@ def figures(result):
         "visits_s": visits_s(result),
         "wall_s": solve_s(result),
         "reached": reached(result),
-        "reused_uses": result["reuse"],
+        "reused_every": result["reuse"]["every"],
+        "reused_inside": result["reuse"]["inside"],
         "reused_visits": ratio(reused, stored),
         "made": stored - reused,
         "rays": total(history, "rays"),
@@ -67,8 +71,12 @@ def figures(result):
     }
 
 
+# Which links a further gather of a visit uses.
+COUNTS = {"every": "every link with each gather", "inside": "links within the group alone, gathered again"}
+
 HEADS = (
-    "run|iterations|time in visits|time|transfer|to {level}|reused in uses|reused over visits|links made|rays|memory"
+    "run|iterations|time in visits|time|transfer|to {level}|reused, every link with each gather"
+    "|reused, links within the group alone, gathered again|reused over visits|links made|rays|memory"
 )
 
 
@@ -87,7 +95,8 @@ def rows(results):
                 seconds(of["wall_s"]),
                 percent(of["reached"]),
                 seconds(to_level),
-                percent(of["reused_uses"]),
+                percent(of["reused_every"]),
+                percent(of["reused_inside"]),
                 percent(of["reused_visits"]),
                 number(of["made"], digits=0),
                 number(of["rays"], digits=0),
@@ -98,10 +107,13 @@ def rows(results):
 
 
 def beside(results):
-    grouped, ungrouped = (results[name]["reuse"] for name in ("grouped, discard", "ungrouped, discard"))
+    lines = []
+    for count, what in COUNTS.items():
+        for groups in ("grouped", "ungrouped"):
+            found = paper.GROUPING[f"reused_{groups}"], results[f"{groups}, discard"]["reuse"][count]
+            lines.append([f"links reused, {groups}: {what}", *map(percent, found)])
     return ["", "the paper", "ours"], [
-        ["links reused, grouped", percent(paper.GROUPING["reused_grouped"]), percent(grouped)],
-        ["links reused, ungrouped", percent(paper.GROUPING["reused_ungrouped"]), percent(ungrouped)],
+        *lines,
         ["less time to the same transfer", "grouped", faster(results, "discard")],
         ["the same, links kept", "-", faster(results, "keep")],
     ]
@@ -121,6 +133,27 @@ def faster(results, links):
     return "grouped" if grouped < ungrouped else "ungrouped"
 
 
+def reuses(results):
+    """Both counts of reuse, and why they differ."""
+    found = {
+        count: [percent(results[f"{groups}, discard"]["reuse"][count]) for groups in ("grouped", "ungrouped")]
+        for count in COUNTS
+    }
+    said = [percent(paper.GROUPING[f"reused_{groups}"]) for groups in ("grouped", "ungrouped")]
+    # With k gathers: reused = (k - 1) inside / (1 + (k - 1) inside).
+    share = paper.GROUPING["reused_grouped"]
+    needed = share / (1 - share) / (paper.GROUPING["inner"] - 1)
+    return (
+        f"If every link counts with each gather, {found['every'][0]} of the uses of links find them made in groups and"
+        f" {found['every'][1]} without; if those within the group alone count again, {found['inside'][0]} and"
+        f" {found['inside'][1]} (the paper: {said[0]} and {said[1]}). The two differ because what other groups send"
+        " does not change during a visit: the program sums it up once, and a second gather uses the links within the"
+        " group alone. The paper says that its patches gathered six times from their own group and three times from"
+        " others, but not whether links to others count again with the second gather; if they do not, its"
+        f" {said[0]} need {percent(needed)} of all links to come from within their group."
+    )
+
+
 def prose(results):
     lines = [SETTING]
     for links, what in (("discard", "Where links are thrown away"), ("keep", "Where they are kept")):
@@ -131,6 +164,7 @@ def prose(results):
                 f"{what}, groups take {seconds(grouped)} in visits to the transfer that both reach, no groups "
                 f"{seconds(ungrouped)}: {word} by a factor of {max(grouped, ungrouped) / min(grouped, ungrouped):.2f}."
             )
+    lines.append(reuses(results))
     of = {name: figures(result) for name, result in results.items()}
     made = ratio(of["grouped, discard"]["made"], of["ungrouped, discard"]["made"])
     cast = ratio(of["grouped, discard"]["rays"], of["ungrouped, discard"]["rays"])

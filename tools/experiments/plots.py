@@ -110,14 +110,16 @@ def plans(path, panels):
     figure, every = plt.subplots(
         lines, columns, figsize=(WIDTH_IN, height_in * lines), layout="constrained", squeeze=False
     )
-    colours = plt.colormaps["tab20"]
+    # Those of timelines where they are enough; else neighbouring numbers get colours far apart.
+    is_few = max(number for _, boxes in panels for *_, number in boxes) < len(COLOURS)
+    many = plt.colormaps["tab20"]
+    colour = lambda number: COLOURS[number] if is_few else many((7 * number) % 20)
     for axes in every.flat[len(panels) :]:
         axes.set_visible(False)
     for axes, (title, boxes) in zip(every.flat, panels):
         # Walls from above are lines: the edge shows them.
         shapes = [[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d, _ in boxes]
-        # Neighbouring numbers get colours far apart.
-        paint = [colours((7 * group) % 20) for *_, group in boxes]
+        paint = [colour(number) for *_, number in boxes]
         drawn = collections.PolyCollection(
             # Few colours, and no shades between them: a small picture.
             shapes,
@@ -137,11 +139,14 @@ def plans(path, panels):
     save(plt, figure, path)
 
 
-def timelines(path, panels):
+def timelines(path, panels, x_label):
     """Bars of visits by worker: (title, bars, ends of iterations) each; a bar is (lane, begin s, end s)."""
     plt = pyplot()
+    # Lanes are as high as a line of text.
+    most = max(len({lane for lane, *_ in bars}) for _, bars, _ in panels)
+    height_in = max(1.3, 0.5 + 0.16 * most) * len(panels) + 0.6
     figure, every = plt.subplots(
-        len(panels), 1, figsize=(WIDTH_IN, 1.3 * len(panels) + 0.6), layout="constrained", squeeze=False, sharex=True
+        len(panels), 1, figsize=(WIDTH_IN, height_in), layout="constrained", squeeze=False, sharex=True
     )
     for axes, (title, bars, ends) in zip(every[:, 0], panels):
         lanes = sorted({lane for lane, *_ in bars})
@@ -155,5 +160,6 @@ def timelines(path, panels):
         axes.set_yticks(lanes, [f"worker {lane + 1}" for lane in lanes])
         axes.set_title(title, fontsize=9, loc="left")
         axes.grid(False)
-    every[-1, 0].set_xlabel("time since the first visit began [s]")
+    every[-1, 0].set_xlim(left=0)
+    every[-1, 0].set_xlabel(x_label)
     save(plt, figure, path)

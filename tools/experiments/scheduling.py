@@ -8,16 +8,17 @@ from session import commands
 
 TITLE = "Schedules (6.4, Figures 11 and 12)"
 POLICIES = ["ffd", "ws", "ffd-ws"]
-# What is drawn of the real runs; the paper made two iterations.
+# What is drawn of runs and replays; the paper made two iterations.
 DRAWN = 2
 
 SETTING = (
     "Real runs with {workers} workers, then a replay of the recorded visits of the ffd-ws run for {simulated} workers"
     " that share no disk (`simulate`): with a synchronous master as in the paper, and with one that lets transfers go"
-    " on behind visits. FFD-WS has a delta of {delta}. Real workers map one store and download nothing; the simulator's"
-    " downloads are the clusters that a worker does not hold yet. Waiting is what a worker waits for the last one at"
-    " the ends of iterations, in the mean;"
-    " what downloads take is their bytes over the bandwidth."
+    " on behind visits. The first two pictures are replays of the paper's setting, as its Figures 12 and 11: with a"
+    " synchronous master and a network as slow as its Ethernet. FFD-WS has a delta of {delta}. Real workers map one"
+    " store and download nothing; the simulator's downloads are the clusters that a worker does not hold yet. Waiting"
+    " is what a worker waits for the last one at the ends of iterations, in the mean; what downloads take is their"
+    " bytes over the bandwidth."
 )
 
 
@@ -134,9 +135,10 @@ def prose(arguments, of_real, of_paper):
     return [setting, " ".join(lines)]
 
 
-def panel(name, bars):
-    """Of a timeline what is drawn: bars and ends of the first iterations."""
+def panel(policy, bars):
+    """Of a timeline what is drawn: title, bars and ends of the first iterations."""
     drawn = [bar for bar in bars if bar[0] <= DRAWN]
+    name = f"{policy} (delta {paper.DELTA})" if policy == "ffd-ws" else policy
     ends = [max(end for i, *_, end in drawn if i == number) for number in sorted({bar[0] for bar in drawn})]
     return name, [(lane, begin, end) for _, _, lane, begin, end in drawn], ends
 
@@ -148,12 +150,25 @@ def by_worker(boxes, bars):
     return [(*box[:4], lane_of.get(box[4], 0)) for box in boxes]
 
 
+def captions(arguments):
+    """What the pictures show: of the replay of the paper's setting, then of the real runs."""
+    times = f"in the first {DRAWN} iterations, which end at the dotted lines; blank is waiting"
+    plan = "Clusters from above, by the {} worker that solved their group in the second iteration"
+    return [
+        f"Visits of {arguments.simulated} replayed workers in the paper's setting {times}, for data too",
+        plan.format("replayed"),
+        f"Visits of {arguments.workers} real workers {times}",
+        plan.format("real"),
+    ]
+
+
 def run(session, arguments):
     plots.pyplot()
     model = arguments.floor(session, arguments)
     partition = merged(session, model, arguments.groups)
-    results, bars, listed = {}, {}, []
+    results, bars, replayed_bars, listed = {}, {}, {}, []
     lines = networks(arguments)
+    of_paper_s = list(lines)[-1]
     for policy in POLICIES:
         options = solving(arguments, schedule=policy)
         results[policy] = session.solve(f"scheduling, {policy}", model, partition, options)
@@ -166,6 +181,10 @@ def run(session, arguments):
             words = {"workers": arguments.simulated, "schedule": policy, "delta": paper.DELTA, **flags}
             row = session.simulate(results["ffd-ws"]["store"], words)["replays"][0]
             of_replays[network, policy] = replayed(row, size(flags["bandwidth"]))
+            if network == of_paper_s:
+                name = f"replayed-timeline-{policy}"
+                replayed_bars[policy] = session.timeline(results["ffd-ws"]["store"], words, "scheduling", name)
+                words["timeline"] = f"{name}.csv"
             listed += commands(model, partition, {}, replay=words)[-1:]
     for name, of in (("real", of_real), ("replayed", of_replays)):
         first = next(iter(of.values()))
@@ -174,15 +193,13 @@ def run(session, arguments):
     for policy in POLICIES:
         heads = ["iteration", "group", "worker", "begin_s", "end_s"]
         session.write_csv("scheduling", f"timeline-{policy}", heads, bars[policy])
-    timelines, plan = session.picture("scheduling", "timeline"), session.picture("scheduling", "plan")
-    plots.timelines(timelines, [panel(policy, bars[policy]) for policy in POLICIES])
-    boxes = catalogue.boxes(results["ffd"]["store"])
-    plots.plans(plan, [(policy, by_worker(boxes, bars[policy])) for policy in POLICIES])
-    of_paper = {policy: of_replays[list(lines)[-1], policy] for policy in POLICIES}
+    boxes, drawn = catalogue.boxes(results["ffd-ws"]["store"]), []
+    for prefix, of, begin in (("replayed-", replayed_bars, "download"), ("", bars, "visit")):
+        drawn += [session.picture("scheduling", f"{prefix}{kind}") for kind in ("timeline", "plan")]
+        panels = [panel(policy, of[policy]) for policy in POLICIES]
+        plots.timelines(drawn[-2], panels, f"time since the first {begin} began [s]")
+        plots.plans(drawn[-1], [(policy, by_worker(boxes, of[policy])) for policy in POLICIES])
+    of_paper = {policy: of_replays[of_paper_s, policy] for policy in POLICIES}
     tables = [beside(of_paper), real_rows(of_real), replayed_rows(of_replays)]
-    pictures = [
-        (f"Visits of real workers in the first {DRAWN} iterations, which end at the dotted lines", timelines),
-        ("Clusters from above, by the worker that solved their group in the second iteration", plan),
-    ]
-    text = prose(arguments, of_real, of_paper), tables, pictures
+    text = prose(arguments, of_real, of_paper), tables, list(zip(captions(arguments), drawn))
     publish(session, arguments, "scheduling", TITLE, text, (model.name, list(results.values()), listed))

@@ -160,17 +160,28 @@ class Session:
         what = {"simulate": os.path.basename(store), "binary": binary, "options": options}
         return self.measured(what, lambda: self.run("simulate", store, *flags(options)))
 
-    def write_csv(self, experiment, name, heads, rows):
+    def timeline(self, store, options, experiment, name):
+        """Visits of a replay as (iteration, group, worker, begin s, end s); `simulate` writes them as CSV."""
+        path = os.path.join(self.place(experiment), f"{name}.csv")
+        self.run("simulate", store, *flags({**options, "timeline": path}))
+        with open(path, newline="") as file:
+            rows = list(csv.DictReader(file))
+        whole, times = ("iteration", "group", "worker"), ("begin_s", "end_s")
+        return [(*(int(row[key]) for key in whole), *(float(row[key]) for key in times)) for row in rows]
+
+    def place(self, experiment):
+        """Folder of an experiment."""
         folder = os.path.join(self.folder, experiment)
         os.makedirs(folder, exist_ok=True)
-        with open(os.path.join(folder, f"{name}.csv"), "w", newline="") as file:
+        return folder
+
+    def write_csv(self, experiment, name, heads, rows):
+        with open(os.path.join(self.place(experiment), f"{name}.csv"), "w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([heads, *rows])
 
     def picture(self, experiment, name):
         """Where a picture goes."""
-        folder = os.path.join(self.folder, experiment)
-        os.makedirs(folder, exist_ok=True)
-        return os.path.join(folder, f"{name}.svg")
+        return os.path.join(self.place(experiment), f"{name}.svg")
 
 
 def commands(model, partition, options, **simulations):

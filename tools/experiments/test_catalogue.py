@@ -39,10 +39,18 @@ class Catalogue(unittest.TestCase):
         shares = catalogue.inside_shares(self.store)
         self.assertEqual(shares, {0: 0.75, 1: 0.75})
         # In each of six visits 100 links, 75 of them twice; made are 100 in each of the first two.
-        self.assertAlmostEqual(catalogue.reuse_of_store(self.store, shares), 1 - 200 / (6 * 175))
-        self.assertAlmostEqual(catalogue.reuse_of_store(self.store, {}), 1 - 200 / 600)
+        both = catalogue.reuse_of_store(self.store, shares)
+        self.assertAlmostEqual(both["inside"], 1 - 200 / (6 * 175))
+        self.assertAlmostEqual(both["every"], 1 - 200 / (6 * 200))
+        self.assertAlmostEqual(catalogue.reuse_of_store(self.store, {})["inside"], 1 - 200 / 600)
         visit = {"group": 0, "stored": 10, "reused": 0, "gathers": 1}
         self.assertEqual(catalogue.reuse([visit], {0: 1.0}), 0.0)
+        self.assertEqual(catalogue.reuse([visit]), 0.0, "one gather uses each link once")
+        # k gathers of links that are thrown away afterwards find them made k - 1 times.
+        for gathers in (2, 5):
+            several = {**visit, "gathers": gathers}
+            self.assertAlmostEqual(catalogue.reuse([several]), (gathers - 1) / gathers)
+            self.assertAlmostEqual(catalogue.reuse([several], {0: 0.5}), 1 - 1 / (1 + (gathers - 1) / 2))
         self.assertIsNone(catalogue.reuse([], {}))
 
     def test_workers_wait_for_the_last_and_one_without_a_visit_for_all(self):

@@ -25,18 +25,23 @@ class Tables(unittest.TestCase):
         self.assertIsNone(common.time_to(FAST, 1.1))
 
     def test_grouping_says_what_is_reused_and_who_is_faster(self):
+        reuse = lambda is_grouped: {"every": 0.5 * is_grouped, "inside": 0.4 * is_grouped}
         runs = {
-            name: result(FAST if is_grouped else SLOW, reuse=0.4 * is_grouped) for name, _, is_grouped in grouping.RUNS
+            name: result(FAST if is_grouped else SLOW, reuse=reuse(is_grouped)) for name, _, is_grouped in grouping.RUNS
         }
         _, lines = grouping.beside(runs)
-        self.assertEqual(lines[0], ["links reused, grouped", "45.00 %", "40.00 %"])
-        self.assertEqual([line[2] for line in lines[1:]], ["0.00 %", "grouped", "grouped"])
+        self.assertEqual(lines[0], ["links reused, grouped: every link with each gather", "45.00 %", "50.00 %"])
+        self.assertEqual([line[2] for line in lines[1:]], ["0.00 %", "40.00 %", "0.00 %", "grouped", "grouped"])
         heads, lines = grouping.rows(runs)
         self.assertEqual({len(line) for line in lines}, {len(heads)})
-        self.assertEqual(lines[1][6:9], ["40.00 %", "60.00 %", "120"])
+        self.assertEqual(lines[1][6:10], ["50.00 %", "40.00 %", "60.00 %", "120"])
         self.assertIn("less by a factor of", grouping.prose(runs)[1])
-        runs = {name: result(SLOW if is_grouped else FAST, reuse=0.0) for name, _, is_grouped in grouping.RUNS}
-        self.assertEqual(grouping.beside(runs)[1][2][2], "ungrouped")
+        self.assertIn("count again, 40.00 % and 0.00 % (the paper: 45.00 % and 0.00 %)", grouping.prose(runs)[1])
+        self.assertIn("its 45.00 % need 81.82 % of all links", grouping.prose(runs)[1])
+        runs = {
+            name: result(SLOW if is_grouped else FAST, reuse=reuse(False)) for name, _, is_grouped in grouping.RUNS
+        }
+        self.assertEqual(grouping.beside(runs)[1][4][2], "ungrouped")
         self.assertIn("more by a factor of", grouping.prose(runs)[1])
 
     def test_partition_orders_methods_by_what_was_measured(self):
@@ -74,7 +79,12 @@ class Tables(unittest.TestCase):
         bars = [(1, 0, 0, 0.0, 4.0), (1, 1, 1, 0.0, 5.0), (3, 0, 0, 6.0, 7.0)]
         real = scheduling.real(result(FAST), bars, 2)
         self.assertEqual((real["idle_s_a_worker"], real["in_visits"], real["idle_share"]), (1.0, 0.75, 0.1))
-        self.assertEqual(scheduling.panel("ws", bars)[1:], ([(0, 0.0, 4.0), (1, 0.0, 5.0)], [5.0]))
+        self.assertEqual(scheduling.panel("ws", bars), ("ws", [(0, 0.0, 4.0), (1, 0.0, 5.0)], [5.0]))
+        self.assertEqual(scheduling.panel("ffd-ws", bars)[0], "ffd-ws (delta 16)")
+        plan = scheduling.by_worker([(0, 0, 1, 1, 1), (1, 0, 2, 1, 7)], bars[:2])
+        self.assertEqual(plan, [(0, 0, 1, 1, 1), (1, 0, 2, 1, 0)], "the first iteration, where it is the last drawn")
+        captions = scheduling.captions(SimpleNamespace(simulated=8, workers=2))
+        self.assertTrue("8 replayed" in captions[0] and "2 real" in captions[2] and len(set(captions)) == 4)
 
     def test_speedup_puts_real_runs_and_replays_into_one_table(self):
         runs = {1: result(FAST, wall_s=10.0), 2: result(FAST, wall_s=6.25)}

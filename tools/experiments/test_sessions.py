@@ -29,6 +29,14 @@ answer = t.result(t.FAST)
 print(json.dumps(answer.get(verb, answer["partition"])))
 """
 
+REPLAYER = """#!{python}
+import sys
+assert sys.argv[1:4] == ["a.clr", "--workers", "8"], sys.argv
+with open(sys.argv[sys.argv.index("--timeline") + 1], "w") as file:
+    file.write({text!r})
+print("{{}}")
+"""
+
 
 class Sessions(unittest.TestCase):
     def setUp(self):
@@ -117,6 +125,16 @@ class Sessions(unittest.TestCase):
         self.assertEqual(self.run_driver()[2], [])
         with open(results) as file:
             self.assertTrue(json.loads(file.read().splitlines()[-1])["result"]["run"]["converged"])
+
+    def test_a_replay_s_timeline_is_read_from_what_the_program_wrote(self):
+        replayer = os.path.join(self.folder, "simulate")
+        heads = "workers,worker,iteration,group,download_begin_s,begin_s,end_s,download_bytes,upload_bytes"
+        with open(replayer, "w") as file:
+            file.write(REPLAYER.format(python=sys.executable, text=f"{heads}\n8,7,1,3,0.0,0.25,1.5,100,20\n"))
+        os.chmod(replayer, os.stat(replayer).st_mode | stat.S_IXUSR)
+        of = session.Session(self.folder, {"simulate": replayer}, self.page)
+        self.assertEqual(of.timeline("a.clr", {"workers": 8}, "scheduling", "ws"), [(1, 3, 7, 0.25, 1.5)])
+        self.assertTrue(os.path.exists(os.path.join(self.folder, "scheduling", "ws.csv")))
 
     def test_pictures_without_matplotlib_are_an_error_with_what_to_do(self):
         with mock.patch.dict(sys.modules, {"matplotlib": None}):
