@@ -144,6 +144,8 @@ def timelines(path, panels, x_label):
     plt = pyplot()
     # Lanes are as high as a line of text.
     most = max(len({lane for lane, *_ in bars}) for _, bars, _ in panels)
+    # What is shorter than a pixel is drawn as one: it would not be seen.
+    least_s = max(end for _, bars, _ in panels for *_, end in bars) / (WIDTH_IN * PIXELS_PER_INCH)
     height_in = max(1.3, 0.5 + 0.16 * most) * len(panels) + 0.6
     figure, every = plt.subplots(
         len(panels), 1, figsize=(WIDTH_IN, height_in), layout="constrained", squeeze=False, sharex=True
@@ -152,7 +154,7 @@ def timelines(path, panels, x_label):
         lanes = sorted({lane for lane, *_ in bars})
         for lane in lanes:
             own = sorted((begin, end) for at, begin, end in bars if at == lane)
-            spans = [(begin, end - begin) for begin, end in own]
+            spans = [(begin, max(least_s, end - begin)) for begin, end in own]
             paint = [COLOURS[lane % len(COLOURS)] if i % 2 else "#b0c4de" for i in range(len(spans))]
             axes.broken_barh(spans, (lane - 0.4, 0.8), facecolors=paint, linewidth=0, rasterized=True)
         for end in ends:
