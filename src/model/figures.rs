@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// What was done and what there is now.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode, Serialize)]
 pub struct Work {
-    /// Links whose form factor was computed.
+    /// Links that rays made.
     pub links_evaluated: u64,
     /// Links in rows now.
     pub links_stored: u64,

@@ -15,8 +15,11 @@ use crate::base::text::shown;
 use crate::base::{Error, Progress, Result};
 use crate::model::figures::ProcessFigures;
 
-/// How often children are looked at.
+/// How often children are looked at that take their time.
 pub const LOOK: Duration = Duration::from_millis(20);
+
+/// How soon they are looked at first: tasks of small models take some milliseconds.
+pub const FIRST_LOOK: Duration = Duration::from_millis(1);
 
 /// How long an interrupted child may take to stop by itself.
 const GRACE: Duration = Duration::from_secs(5);

@@ -60,9 +60,9 @@ impl GroupSolver<'_, '_> {
         let made_bytes = made.iter().map(Row::len).sum::<usize>() * size_of::<Hit>();
         let entries = stay.entries() + made.iter().map(|row| row.len() as u64).sum::<u64>();
         work.rays += counts.rays;
-        work.links_evaluated += counts.measured;
+        work.links_evaluated += counts.entries;
         work.links_stored += entries;
-        work.links_reused += stay.entries() - put_away.entries();
+        work.links_reused += entries.saturating_sub(counts.entries);
         let (mut written, mut in_memory) = (None, None);
         if !self.settings.keep_links {
             in_memory = Some(Rc::new(LinkExtent::new(&stay, &made, None).in_memory()?));

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::children::{self, Ended, LOOK, Running};
+use super::children::{self, Ended, FIRST_LOOK, LOOK, Running};
 use super::{entry, ingest, merge, solve_group};
 use crate::base::memory::status_bytes;
 use crate::base::text::for_shell;
@@ -166,7 +166,7 @@ fn run(options: &Options, progress: &dyn Progress) -> Result<Summary> {
         entry::trust_rows(&store)?;
     }
     let mut coordinator =
-        Coordinator { options, store: &store, progress, used: ProcessFigures::default(), anon_bytes: 0 };
+        Coordinator { options, store: &store, progress, used: ProcessFigures::default(), anon_bytes: 0, pause: FIRST_LOOK };
     if let Some(args) = &options.ingest {
         coordinator.stage("ingest", args)?;
     }
@@ -200,12 +200,15 @@ struct Coordinator<'a> {
     progress: &'a dyn Progress,
     used: ProcessFigures,
     anon_bytes: u64,
+    /// How long to sleep until children are looked at.
+    pause: Duration,
 }
 
 impl Coordinator<'_> {
-    /// Sleeps a little between looks at the children.
+    /// Sleeps between looks at the children, longer and longer while nothing happens.
     fn rest(&mut self) {
-        std::thread::sleep(LOOK);
+        std::thread::sleep(self.pause);
+        self.pause = (self.pause * 2).min(LOOK);
         self.anon_bytes = self.anon_bytes.max(status_bytes("RssAnon:"));
     }
 
@@ -215,6 +218,7 @@ impl Coordinator<'_> {
         let mut deaths = 0;
         loop {
             let mut child = Running::start(&self.options.program, args)?;
+            self.pause = FIRST_LOOK;
             let ended = loop {
                 if let Some(ended) = child.ended(&mut self.used, self.progress)? {
                     break ended;
@@ -342,6 +346,7 @@ impl Coordinator<'_> {
             let counts = self.store.task_counts(branch, number)?;
             if counts.done + counts.merged > solved {
                 (solved, deaths, idle) = (counts.done + counts.merged, 0, 0);
+                self.pause = FIRST_LOOK;
             }
             if idle > IDLE * self.options.workers {
                 return Err(Error::failed(
@@ -373,6 +378,7 @@ impl Coordinator<'_> {
             if workers.len() as u64 <= counts.running {
                 while (workers.len() as u64) < wanted {
                     workers.push(Running::start(&self.options.program, &self.options.worker)?);
+                    self.pause = FIRST_LOOK;
                 }
             }
             self.rest();

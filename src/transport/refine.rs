@@ -52,8 +52,8 @@ pub type PutAway<'a> = dyn FnMut(&[Row]) -> Result<()> + 'a;
 pub struct Counts {
     /// Rays cast.
     pub rays: u64,
-    /// Rows measured.
-    pub measured: u64,
+    /// Entries that rays made.
+    pub entries: u64,
 }
 
 /// The sides of a cluster, as rows measure them.
@@ -279,6 +279,7 @@ impl Refiner<'_, '_> {
                 let cast =
                     lamps::cast(scene, &self.around.lamps, &measured.node, &measured.places, &draws, first..rounds);
                 self.counts.rays += cast.rays;
+                self.counts.entries += cast.shares.len() as u64;
                 let mut shares = match before.map(|row| row.found) {
                     Some(Found::Shares(shares)) => shares,
                     _ => Vec::new(),
@@ -289,6 +290,7 @@ impl Refiner<'_, '_> {
             Part::Indirect => {
                 let cast = hemisphere::cast(scene, *lights, &measured.node, &measured.places, &draws, first..rounds)?;
                 self.counts.rays += cast.len() as u64;
+                self.counts.entries += cast.len() as u64;
                 let mut hits = match before.map(|row| row.found) {
                     Some(Found::Hits(hits)) => hits,
                     _ => Vec::new(),
@@ -297,7 +299,6 @@ impl Refiner<'_, '_> {
                 Found::Hits(hits)
             }
         };
-        self.counts.measured += 1;
         let row = Row { element: name, part, rounds, open: measured.open(), found };
         let fit = measured.fit(rounds, &scaled(&self.halves(&row)?, self.context.gain));
         self.note(&row);
