@@ -165,8 +165,14 @@ fn run(options: &Options, progress: &dyn Progress) -> Result<Summary> {
     if !options.is_fresh() {
         entry::trust_rows(&store)?;
     }
-    let mut coordinator =
-        Coordinator { options, store: &store, progress, used: ProcessFigures::default(), anon_bytes: 0, pause: FIRST_LOOK };
+    let mut coordinator = Coordinator {
+        options,
+        store: &store,
+        progress,
+        used: ProcessFigures::default(),
+        anon_bytes: 0,
+        pause: FIRST_LOOK,
+    };
     if let Some(args) = &options.ingest {
         coordinator.stage("ingest", args)?;
     }
