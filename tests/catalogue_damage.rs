@@ -19,7 +19,7 @@ struct Scene(tempfile::TempDir);
 impl Scene {
     fn new() -> Self {
         let dir = tempfile::tempdir().unwrap();
-        let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/old_stores/format_7");
+        let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/old_stores/format_8");
         let to = dir.path().join(NAME);
         std::fs::create_dir_all(to.join("segments")).unwrap();
         std::fs::copy(from.join("scene.sqlite"), to.join("scene.sqlite")).unwrap();

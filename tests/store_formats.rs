@@ -15,8 +15,8 @@ use clerestory::model::links::LinksView;
 use clerestory::store::{Snapshot, Store};
 use common::{assert_sound, clerestory, finish, write_rooms};
 
-const TODAYS: &str = "old_stores/format_7";
-const OLDER: [u32; 6] = [1, 2, 3, 4, 5, 6];
+const TODAYS: &str = "old_stores/format_8";
+const OLDER: [u32; 7] = [1, 2, 3, 4, 5, 6, 7];
 
 /// A copy of a committed store: opening one makes files beside its catalogue.
 fn copy(name: &str) -> (tempfile::TempDir, PathBuf) {
@@ -89,7 +89,7 @@ fn stores_of_older_formats_are_refused_by_name_with_what_to_do_and_nothing_of_th
             let output = clerestory().current_dir(dir.path()).args(args).output().unwrap();
             let said = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(12), "{format}, {args:?}: {said}");
-            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 7");
+            let named = format!("copy.clr/scene.sqlite: damaged: its format is {format}, this program reads 8");
             assert!(said.contains(&named), "{format}, {args:?}: {said}");
             assert!(said.contains("help: ") && said.contains("`--fresh`"), "{format}, {args:?}: {said}");
         }

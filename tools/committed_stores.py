@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes data/old_stores/format_7 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
+"""Makes data/old_stores/format_8 and data/broken_stores anew: committed_stores.py CLERESTORY DATA.
 
 To be run when a record's bytes change their meaning before a release; later a new format gets a folder of its own,
 and the old ones stay: what they are refused with is tested.
@@ -98,7 +98,7 @@ def main():
     program, data = os.path.abspath(sys.argv[1]), sys.argv[2]
     os.makedirs(FOLDER)
     try:
-        whole = copy(solve(program, FOLDER), f"{data}/old_stores/format_7")
+        whole = copy(solve(program, FOLDER), f"{data}/old_stores/format_8")
     finally:
         shutil.rmtree(FOLDER)
     broken = f"{data}/broken_stores"

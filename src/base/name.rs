@@ -49,8 +49,6 @@ impl PatchSide {
 pub enum NodeKind {
     /// A node of the quadtree on one side of a patch.
     Element,
-    /// The sides below one tree node that face one way.
-    Sector,
     /// Light from or to nowhere in the model: the escape.
     Pseudo,
 }
@@ -87,25 +85,17 @@ impl NodeName {
         )
     }
 
-    /// A sector node: `sector` 0..6 is +x -x +y -y +z -z, `tree_node` counts within the cluster.
-    #[must_use]
-    pub fn sector(cluster: ClusterId, sector: u8, tree_node: u64) -> Self {
-        debug_assert!(sector < 6 && tree_node < 1 << 35);
-        Self((u64::from(cluster.0) << 40) | (1 << REST_BITS) | (u64::from(sector) << 35) | tree_node)
-    }
-
     /// The cluster that the node belongs to.
     #[must_use]
     pub fn cluster(self) -> ClusterId {
         ClusterId((self.0 >> 40) as u32)
     }
 
-    /// What kind of node this is; `None` for the reserved kind.
+    /// What kind of node this is; `None` for the reserved kinds.
     #[must_use]
     pub fn kind(self) -> Option<NodeKind> {
         match (self.0 >> REST_BITS) & 3 {
             0 => Some(NodeKind::Element),
-            1 => Some(NodeKind::Sector),
             3 => Some(NodeKind::Pseudo),
             _ => None,
         }
@@ -151,9 +141,6 @@ impl fmt::Debug for NodeName {
                 let at = self.patch_side();
                 write!(f, "element {}/{}/{}/{:b}", self.cluster(), at.patch, at.side, self.path())
             }
-            Some(NodeKind::Sector) => {
-                write!(f, "sector {}/{}/{}", self.cluster(), (self.0 >> 35) & 7, self.0 & ((1 << 35) - 1))
-            }
             Some(NodeKind::Pseudo) => write!(f, "pseudo {:x}", self.0),
             None => write!(f, "reserved {:x}", self.0),
         }
@@ -180,12 +167,10 @@ mod tests {
     }
 
     #[test]
-    fn names_sort_by_cluster_then_kind() {
-        let sector = NodeName::sector(ClusterId(3), 5, 7);
+    fn names_sort_by_cluster_and_the_escape_comes_last() {
         let root = NodeName::root(ClusterId(3), PatchSide { patch: 255, side: 1 });
         let next = NodeName::root(ClusterId(4), PatchSide { patch: 0, side: 0 });
-        assert!(root < sector && sector < next && next < NodeName::ESCAPE);
+        assert!(root < next && next < NodeName::ESCAPE);
         assert_eq!(NodeName::ESCAPE.kind(), Some(NodeKind::Pseudo));
-        assert_eq!(sector.kind(), Some(NodeKind::Sector));
     }
 }

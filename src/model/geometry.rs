@@ -1,12 +1,11 @@
-//! Geometry extents: patches in tree order, the cluster's binary tree, its sector nodes; and the
-//! materials extent beside it.
+//! Geometry extents: patches and the seams between them; and the materials extent beside it.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::Arrays;
 use crate::base::PatchSide;
 
-/// "No such tree node".
+/// "There is none".
 pub const NONE: u32 = u32::MAX;
 
 /// One per cluster.
@@ -37,48 +36,14 @@ pub struct PatchRecord {
     pub corner_count: u8,
     /// Which sides take part: bit 0 the front, bit 1 the back.
     pub sides: u8,
-    /// Leaf of the cluster's tree that holds the patch.
-    pub tree_node: u16,
+    /// 0.
+    pub reserved: u16,
     /// Area, m2.
     pub area_m2: f32,
     /// The face that it is a part of: cluster * 256 + patch of the face's first part.
     pub face: u32,
     /// Area of the whole face, m2.
     pub face_area_m2: f32,
-}
-
-/// A node of the cluster's binary tree, in preorder: node 0 is the whole cluster.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub struct TreeNode {
-    /// Smallest corner of the box, m from the store's origin.
-    pub min_m: [f32; 3],
-    /// Largest corner.
-    pub max_m: [f32; 3],
-    /// First patch below.
-    pub first_patch: u16,
-    /// Patches below.
-    pub patch_count: u16,
-    /// First child, or [`NONE`] for a leaf.
-    pub left: u32,
-    /// Second child, or [`NONE`].
-    pub right: u32,
-    /// Node above, or [`NONE`] for node 0.
-    pub parent: u32,
-    /// 0.
-    pub reserved: [u32; 2],
-}
-
-/// A sector node that has at least one patch side below it, in order of name.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub struct SectorHead {
-    /// Its name.
-    pub name: u64,
-    /// Area of the patch sides below, m2.
-    pub area_m2: f32,
-    /// Its tree node.
-    pub tree_node: u32,
 }
 
 /// Where light goes on from an edge of a patch to another patch of its face: nothing stands there.
@@ -135,12 +100,8 @@ pub struct SideMaterial {
 pub struct GeometryView<'a> {
     /// The cluster.
     pub head: &'a ClusterHead,
-    /// Its patches, in tree order.
+    /// Its patches; those near each other follow each other.
     pub patches: &'a [PatchRecord],
-    /// Its tree, in preorder.
-    pub tree: &'a [TreeNode],
-    /// Its sector nodes, by name.
-    pub sectors: &'a [SectorHead],
     /// Seams between its patches, each as both have it, by patch.
     pub seams: &'a [Seam],
 }
@@ -149,13 +110,7 @@ impl<'a> GeometryView<'a> {
     /// Borrows the arrays of a payload.
     pub fn parse(payload: &'a [u8]) -> Result<Self, String> {
         let arrays = Arrays::new(payload);
-        let view = Self {
-            head: arrays.one(0)?,
-            patches: arrays.get(1)?,
-            tree: arrays.get(2)?,
-            sectors: arrays.get(3)?,
-            seams: arrays.get(4)?,
-        };
+        let view = Self { head: arrays.one(0)?, patches: arrays.get(1)?, seams: arrays.get(2)? };
         if view.patches.len() != view.head.patches as usize || view.patches.len() > 256 {
             return Err(format!("{} patches where the head says {}", view.patches.len(), view.head.patches));
         }
@@ -186,16 +141,4 @@ impl<'a> GeometryView<'a> {
         let first = self.seams.partition_point(|s| s.patch < patch);
         &self.seams[first..first + self.seams[first..].partition_point(|s| s.patch == patch)]
     }
-}
-
-/// The major axis of a normal: 0..6 is +x -x +y -y +z -z; ties go to the earlier axis.
-#[must_use]
-pub fn sector_of(normal: [f64; 3]) -> u8 {
-    let mut axis = 0;
-    for i in 1..3 {
-        if normal[i].abs() > normal[axis].abs() {
-            axis = i;
-        }
-    }
-    (axis as u8) * 2 + u8::from(normal[axis] < 0.0)
 }

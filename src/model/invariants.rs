@@ -1,7 +1,7 @@
 //! What must be true of an extent beyond its checksum; each function says what is not.
 
 use super::cut::CutNode;
-use super::geometry::{GeometryView, NONE, Seam, SideMaterial, TreeNode};
+use super::geometry::{GeometryView, Seam, SideMaterial};
 use super::light::LightView;
 use super::links::LinksView;
 use super::origin::{BakeCorner, PatchSource};
@@ -46,7 +46,7 @@ fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(what()) }
 }
 
-/// Patches, tree and sector nodes of a cluster.
+/// Patches and seams of a cluster.
 pub fn geometry(payload: &[u8], cluster: u32) -> Result<(), String> {
     let view = GeometryView::parse(payload)?;
     ensure(view.head.cluster == cluster, || format!("it says that it is cluster {}'s", view.head.cluster))?;
@@ -56,24 +56,7 @@ pub fn geometry(payload: &[u8], cluster: u32) -> Result<(), String> {
         ensure(finite && patch.area_m2 > 0.0 && patch.face_area_m2 > 0.0, || {
             format!("patch {i} is not finite or has no area")
         })?;
-        let leaf = view.tree.get(usize::from(patch.tree_node));
-        let holds = leaf.is_some_and(|n| below(n).contains(&i));
-        ensure(holds, || format!("patch {i} is not below its tree node"))?;
     }
-    let whole = view.tree.first().ok_or("the tree is empty")?;
-    let covers = whole.first_patch == 0 && usize::from(whole.patch_count) == view.patches.len();
-    ensure(covers && whole.parent == NONE, || "the tree's root does not cover the patches".to_owned())?;
-    for (i, node) in view.tree.iter().enumerate() {
-        // A node above lies before: every walk up or down ends.
-        ensure((i == 0) == (node.parent == NONE) && (i == 0 || (node.parent as usize) < i), || {
-            format!("tree node {i} lies before the one above it")
-        })?;
-        ensure(below(node).end <= view.patches.len(), || format!("tree node {i} has patches that are not there"))?;
-        tree_node(&view, i, node.left, node.right)?;
-    }
-    ensure(ascending(view.sectors.iter().map(|s| s.name)), || "sector nodes are out of order".to_owned())?;
-    let placed = view.sectors.iter().all(|s| (s.tree_node as usize) < view.tree.len());
-    ensure(placed, || "a sector node has no tree node".to_owned())?;
     let by_patch = view.seams.windows(2).all(|w| w[0].patch <= w[1].patch);
     ensure(by_patch, || "seams are out of order".to_owned())?;
     view.seams.iter().enumerate().try_for_each(|(i, s)| seam(&view, i, s))
@@ -88,29 +71,6 @@ fn seam(view: &GeometryView<'_>, at: usize, seam: &Seam) -> Result<(), String> {
     let [a, b] = seam.other_along;
     ensure(rises(seam.along) && rises([b, a]) && seam.sides <= 3, || format!("seam {at} lies nowhere"))?;
     ensure(view.seams_of(seam.other).contains(&seam.turned()), || format!("seam {at} leads one way"))
-}
-
-/// The patches below a tree node.
-fn below(node: &TreeNode) -> std::ops::Range<usize> {
-    let first = usize::from(node.first_patch);
-    first..first + usize::from(node.patch_count)
-}
-
-fn tree_node(view: &GeometryView<'_>, at: usize, left: u32, right: u32) -> Result<(), String> {
-    let wrong = |what: &str| format!("tree node {at} {what}");
-    if left == NONE || right == NONE {
-        return ensure(left == right, || wrong("has one child only"));
-    }
-    let child = |index: u32| view.tree.get(index as usize).filter(|c| c.parent as usize == at);
-    let (Some(a), Some(b)) = (child(left), child(right)) else { return Err(wrong("and its children disagree")) };
-    let node = &view.tree[at];
-    let (whole, first, second) = (below(node), below(a), below(b));
-    let split = whole.start == first.start && first.end == second.start && second.end == whole.end;
-    ensure(split, || wrong("is not made up of its children's patches"))?;
-    let inside = [a, b].iter().all(|c| {
-        (0..3).all(|i| node.min_m[i] <= c.min_m[i] && c.max_m[i] <= node.max_m[i] && c.min_m[i] <= c.max_m[i])
-    });
-    ensure(inside, || wrong("does not enclose its children"))
 }
 
 /// Two materials per patch, with reflectance within 0..=1.
@@ -324,12 +284,15 @@ mod tests {
         links(bytemuck::cast_slice(&payload), 7, &|_| Some(2))
     }
 
+    /// Of a reserved kind.
+    const RESERVED: NodeName = NodeName(7 << 40 | 1 << 38);
+
     #[test]
     fn rows_are_those_of_elements() {
         let root = NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 });
         assert_eq!(row_of(root, 2, root), Ok(()));
         assert_eq!(row_of(root.child(3), 2, NodeName::ESCAPE), Ok(()));
-        assert!(row_of(NodeName::sector(ClusterId(7), 4, 0), 2, root).unwrap_err().contains("foreign"));
+        assert!(row_of(RESERVED, 2, root).unwrap_err().contains("foreign"));
         assert!(row_of(NodeName::root(ClusterId(8), root.patch_side()), 2, root).unwrap_err().contains("foreign"));
     }
 
@@ -338,7 +301,7 @@ mod tests {
         let root = NodeName::root(ClusterId(7), crate::base::PatchSide { patch: 1, side: 0 });
         assert!(row_of(root, 3, root).unwrap_err().contains("met 3 places with 2 rays"));
         assert!(row_of(root, 2, root.child(0)).unwrap_err().contains("no side"));
-        assert!(row_of(root, 2, NodeName::sector(ClusterId(7), 4, 0)).unwrap_err().contains("no side"));
+        assert!(row_of(root, 2, RESERVED).unwrap_err().contains("no side"));
     }
 
     #[test]

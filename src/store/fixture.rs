@@ -14,7 +14,7 @@ use crate::base::{ClusterId, NodeName, PatchSide, Result};
 use crate::model::ExtentKind;
 use crate::model::figures::Power;
 use crate::model::free_group::Held;
-use crate::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SideMaterial, TreeNode};
+use crate::model::geometry::{ClusterHead, PatchRecord, Seam, SideMaterial};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, RowLight};
 use crate::model::order::UpdateOrder;
@@ -73,17 +73,7 @@ pub fn store(dir: &Path, clusters: u32) -> Store {
         let mut head = ClusterHead::zeroed();
         (head.cluster, head.patches, head.max_m) = (id, 1, [1.0, 1.0, id as f32]);
         head.min_m[2] = id as f32;
-        let mut leaf = TreeNode::zeroed();
-        (leaf.left, leaf.right, leaf.parent, leaf.patch_count) = (NONE, NONE, NONE, 1);
-        (leaf.min_m, leaf.max_m) = (head.min_m, head.max_m);
-        let sectors: [crate::model::geometry::SectorHead; 0] = [];
-        let geometry = ArraysBuilder::default()
-            .with(&[head])
-            .with(&[patch])
-            .with(&[leaf])
-            .with(&sectors)
-            .with::<Seam>(&[])
-            .finish();
+        let geometry = ArraysBuilder::default().with(&[head]).with(&[patch]).with::<Seam>(&[]).finish();
         let exitance = if id == 0 { [1.0; 3] } else { [0.0; 3] };
         let sides = [SideMaterial { rho: [0.5; 3], exitance }, SideMaterial { rho: [0.5; 3], exitance: [0.0; 3] }];
         let materials = ArraysBuilder::default().with(&sides).finish();

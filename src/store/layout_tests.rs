@@ -1,11 +1,9 @@
 //! `schema/SEGMENTS.md` gives the fields of every record, type by type, as `src/model/` defines them.
 
 /// What the page calls each record, in its order, and where it is defined.
-const RECORDS: [(&str, &str, &str); 23] = [
+const RECORDS: [(&str, &str, &str); 21] = [
     ("Head", GEOMETRY, "ClusterHead"),
     ("Patch", GEOMETRY, "PatchRecord"),
-    ("Tree node", GEOMETRY, "TreeNode"),
-    ("Sector node", GEOMETRY, "SectorHead"),
     ("Seam", GEOMETRY, "Seam"),
     ("Side", GEOMETRY, "SideMaterial"),
     ("Head", VISIBILITY, "VisibilityHead"),

@@ -14,8 +14,8 @@ use crate::base::{Error, Result};
 
 const SCHEMA: &str = include_str!("../../schema/store.sql");
 /// Today's format, the catalogue's `user_version`: 1 and 2 held patches that walls stood across, 3 one value an element,
-/// 4 lamps of rows without their rounds, 5 ray nodes of two children and no audits, 6 no seams.
-pub(super) const FORMAT: usize = 7;
+/// 4 lamps of rows without their rounds, 5 ray nodes of two children and no audits, 6 no seams, 7 trees that nobody read.
+pub(super) const FORMAT: usize = 8;
 const VIEWS: &str = include_str!("../../schema/views.sql");
 
 /// Where SQLite keeps `user_version` in a database file.

@@ -22,7 +22,7 @@ use super::row::{Found, Kept, Part, Row, add, slots};
 use super::source::{ClusterView, Clusters, Loaded};
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
-use crate::model::geometry::{ClusterHead, GeometryView, NONE, PatchRecord, SideMaterial, TreeNode};
+use crate::model::geometry::{ClusterHead, GeometryView, PatchRecord, SideMaterial};
 use crate::model::light::LightView;
 use crate::model::rays;
 use crate::model::report::ErrorSums;
@@ -33,7 +33,6 @@ use crate::rays::{RayScene, build};
 /// One cluster of one polygon.
 struct Stored {
     head: ClusterHead,
-    tree: Vec<TreeNode>,
     patches: Vec<PatchRecord>,
     materials: Vec<SideMaterial>,
     light: Vec<u64>,
@@ -43,13 +42,7 @@ impl Loaded for Stored {
     fn view(&self) -> ClusterView<'_> {
         ClusterView {
             id: ClusterId(self.head.cluster),
-            geometry: GeometryView {
-                head: &self.head,
-                patches: &self.patches,
-                tree: &self.tree,
-                sectors: &[],
-                seams: &[],
-            },
+            geometry: GeometryView { head: &self.head, patches: &self.patches, seams: &[] },
             materials: &self.materials,
             light: LightView::parse(bytemuck::cast_slice(&self.light)).expect("written by `records`"),
         }
@@ -139,12 +132,10 @@ impl MemoryScene {
             let front = SideMaterial { rho: [*rho as f32; 3], exitance: [*exitance as f32; 3] };
             let materials = vec![front, SideMaterial { exitance: [0.0; 3], ..front }];
             let patches = vec![patch];
-            let mut tree = vec![TreeNode::zeroed()];
-            (tree[0].patch_count, tree[0].left, tree[0].right, tree[0].parent) = (1, NONE, NONE, NONE);
             let mesh = Mesh::new(ClusterId(i as u32), &patches);
             lit.push(Rc::new(LitCluster::of(&mesh, &patches, &materials)));
             let light = aligned(&records::encode(&mesh));
-            stored.push(Rc::new(Stored { head, tree, patches, materials, light }));
+            stored.push(Rc::new(Stored { head, patches, materials, light }));
         }
         let (nodes, refs) = build::top(&refs);
         let rows = vec![Vec::new(); stored.len()];

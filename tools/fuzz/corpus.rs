@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use clerestory::base::{ClusterId, NodeName, PatchSide};
 use clerestory::model::cut::CutNode;
-use clerestory::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SectorHead, SideMaterial, TreeNode};
+use clerestory::model::geometry::{ClusterHead, PatchRecord, Seam, SideMaterial};
 use clerestory::model::layout::ArraysBuilder;
 use clerestory::model::light::{ElementLight, LightHead, RowLight};
 use clerestory::model::links::{LinksHead, RowHead, StoredHit, StoredShare};
@@ -40,20 +40,12 @@ pub const POINTS: &[&str] = &[
 
 fn patch(x: f32) -> PatchRecord {
     let corners_m = [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x + 1.0, 1.0, 0.0], [x, 1.0, 0.0]];
-    let (tree_node, face) = (1 + x as u16, 7 << 8);
-    PatchRecord { corners_m, corner_count: 4, sides: 3, tree_node, area_m2: 1.0, face, face_area_m2: 2.0 }
+    PatchRecord { corners_m, corner_count: 4, sides: 3, reserved: 0, area_m2: 1.0, face: 7 << 8, face_area_m2: 2.0 }
 }
 
-/// A geometry extent: two patches under a root.
+/// A geometry extent: two patches and the seam between them.
 pub fn geometry() -> Vec<u8> {
     let head = ClusterHead { cluster: 7, patches: 2, max_m: [2.0, 1.0, 0.0], ..ClusterHead::zeroed() };
-    let node = |first_patch: u16, patch_count: u16, left: u32, right: u32, parent: u32| {
-        let x = f32::from(first_patch);
-        let max_m = [x + f32::from(patch_count), 1.0, 0.0];
-        TreeNode { min_m: [x, 0.0, 0.0], max_m, first_patch, patch_count, left, right, parent, reserved: [0; 2] }
-    };
-    let tree = [node(0, 2, 1, 2, NONE), node(0, 1, NONE, NONE, 0), node(1, 1, NONE, NONE, 0)];
-    let sectors = [SectorHead { name: NodeName::sector(ClusterId(7), 4, 0).0, area_m2: 2.0, tree_node: 0 }];
     let seam = Seam {
         patch: 0,
         other: 1,
@@ -64,8 +56,8 @@ pub fn geometry() -> Vec<u8> {
         along: [0.0, 0.5],
         other_along: [1.0, 0.5],
     };
-    let shapes = ArraysBuilder::default().with(&[head]).with(&[patch(0.0), patch(1.0)]).with(&tree);
-    shapes.with(&sectors).with(&[seam, seam.turned()]).finish()
+    let shapes = ArraysBuilder::default().with(&[head]).with(&[patch(0.0), patch(1.0)]);
+    shapes.with(&[seam, seam.turned()]).finish()
 }
 
 /// A materials extent.

@@ -8,7 +8,7 @@ use clerestory::formats::points::PointReader;
 use clerestory::formats::{mtl, obj};
 use clerestory::geom::cut_tree::part_at;
 use clerestory::geom::split::split;
-use clerestory::model::geometry::{GeometryView, NONE};
+use clerestory::model::geometry::{GeometryView, Seam};
 use clerestory::model::light::LightView;
 use clerestory::model::links::{LinksView, for_each_row};
 use clerestory::model::rays::{ClusterRaysView, TopRaysView};
@@ -202,8 +202,8 @@ fn read_geometry(bytes: &[u8]) -> bool {
         let is_sound = GeometryView::parse(bytes).is_ok() && invariants::geometry(bytes, 7).is_ok();
         if is_sound {
             let view = GeometryView::parse(bytes).expect("parsed before");
-            let is_there = |node: u32| node == NONE || (node as usize) < view.tree.len();
-            assert!(view.tree.iter().all(|n| is_there(n.left) && is_there(n.right)), "a child that is not there");
+            let is_there = |seam: &Seam| usize::from(seam.patch.max(seam.other)) < view.patches.len();
+            assert!(view.seams.iter().all(is_there), "a patch that is not there");
         }
         is_sound
     })

@@ -1,7 +1,7 @@
 //! The light of a cluster whose materials change: nothing arrives, on the elements that it had. The
 //! rows that stay are of those.
 
-use super::tree::ClusterRecords;
+use super::records::ClusterRecords;
 use crate::base::{ClusterId, Result};
 use crate::model::ExtentKind;
 use crate::model::geometry::GeometryView;

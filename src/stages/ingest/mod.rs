@@ -1,8 +1,8 @@
-//! `ingest`: OBJ files into clusters, patches, cluster trees and version 0, in bounded memory.
+//! `ingest`: OBJ files into clusters, patches, version 0, in bounded memory.
 //!
 //! `read` spills vertices and faces; `frame` finds bounds and vertical; `pieces` cuts faces into
 //! triangles and quads; `coincide` resolves duplicates and opposite pairs; `join` makes quads of
-//! triangle pairs; `clusters` splits objects; `tree` makes a cluster's records; `write` stores them.
+//! triangle pairs; `clusters` splits objects; `records` makes a cluster's records; `write` stores them.
 
 mod clusters;
 mod coincide;
@@ -20,12 +20,12 @@ mod pieces;
 mod plan;
 mod read;
 mod record_file;
+mod records;
 mod rerun;
 mod scratch;
 mod skipped;
 mod sorter;
 mod summary;
-mod tree;
 mod typical;
 mod vertical;
 mod whereabouts;

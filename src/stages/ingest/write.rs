@@ -13,7 +13,7 @@ use super::frame::Frame;
 use super::piece::{NONE, Piece};
 use super::read::Spilled;
 use super::record_file::RecordFile;
-use super::tree::{ClusterRecords, Rules};
+use super::records::{ClusterRecords, Rules};
 use super::typical::Far;
 use crate::base::{ClusterId, Error, Progress, Result, Rgb};
 use crate::geom::bounds::Bounds;

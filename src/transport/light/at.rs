@@ -355,7 +355,7 @@ mod tests {
         fn light(&self, at: u8) -> SideLight {
             let head = ClusterHead::zeroed();
             let (patches, seams) = (&self.patches[..], &self.seams[..]);
-            let geometry = GeometryView { head: &head, patches, tree: &[], sectors: &[], seams };
+            let geometry = GeometryView { head: &head, patches, seams };
             SideLight::new(&geometry, root(at).patch_side(), |side| self.leaves[usize::from(side.patch)].clone())
         }
 

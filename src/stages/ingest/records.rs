@@ -1,7 +1,6 @@
-//! A cluster's records: patches in tree order, tree, sector nodes, materials, light of version 0.
+//! A cluster's records: patches, seams, materials, light of version 0.
 
 use bytemuck::Zeroable;
-use glam::DVec3;
 
 use super::contact::PartSeam;
 use super::faces::ClusterFaces;
@@ -12,13 +11,13 @@ use crate::base::{ClusterId, NodeName, PatchSide};
 use crate::geom::bounds::Bounds;
 use crate::geom::grouping::cut_by_area;
 use crate::geom::polygon::Polygon;
-use crate::model::geometry::{ClusterHead, NONE, PatchRecord, Seam, SectorHead, SideMaterial, TreeNode, sector_of};
+use crate::model::geometry::{ClusterHead, PatchRecord, Seam, SideMaterial};
 use crate::model::layout::ArraysBuilder;
 use crate::model::light::{ElementLight, LightHead, RowLight};
 use crate::rays::PatchKey;
 
-/// Patches of a leaf of the tree.
-const LEAF: usize = 4;
+/// So many patches are not put in order any further.
+const FEW: usize = 4;
 
 /// What shapes the records besides the pieces.
 #[derive(Clone, Copy)]
@@ -35,12 +34,8 @@ pub struct Rules<'a> {
 pub struct ClusterRecords {
     /// Head of the geometry extent.
     pub head: ClusterHead,
-    /// Patches, in tree order.
+    /// Patches; those near each other follow each other.
     pub patches: Vec<PatchRecord>,
-    /// Tree, in preorder.
-    pub tree: Vec<TreeNode>,
-    /// Sector nodes, by name.
-    pub sectors: Vec<SectorHead>,
     /// Seams, by patch.
     pub seams: Vec<Seam>,
     /// Materials, front then back of each patch.
@@ -51,11 +46,6 @@ pub struct ClusterRecords {
     pub keys: Vec<PatchKey>,
 }
 
-struct Shape {
-    area_m2: f64,
-    normal: DVec3,
-}
-
 impl ClusterRecords {
     /// From faces of one object, with 1 to 256 parts.
     #[must_use]
@@ -63,43 +53,33 @@ impl ClusterRecords {
         let parts = &cluster.parts;
         let boxes: Vec<Bounds> = parts.iter().map(|part| bounds(&part.piece)).collect();
         let mut order: Vec<u32> = (0..parts.len() as u32).collect();
-        let mut tree = Vec::new();
-        grow(&boxes, &mut order, (0, parts.len()), NONE, &mut tree);
+        put_in_order(&boxes, &mut order);
         let keys = cluster.keys(id, &order);
         let ordered = || order.iter().map(|i| &parts[*i as usize]);
-        let mut patches: Vec<PatchRecord> = ordered()
+        let patches: Vec<PatchRecord> = ordered()
             .map(|part| PatchRecord {
                 face: keys[part.face].packed(),
                 face_area_m2: cluster.faces[part.face].area_m2,
                 ..patch(&part.piece, rules)
             })
             .collect();
-        for (number, node) in tree.iter().enumerate() {
-            if node.left == NONE {
-                for patch in &mut patches[below(node)] {
-                    patch.tree_node = number as u16;
-                }
-            }
-        }
-        let shapes: Vec<Shape> = ordered().map(|part| shape(&part.piece)).collect();
         let materials = ordered().flat_map(|part| side_materials(&part.piece, rules)).collect();
-        let sectors = sectors(id, &patches, &shapes, &tree);
         let seams = seams(cluster, &order);
+        let whole = boxes.iter().fold(Bounds::EMPTY, |all, part| all.union(*part));
         let head = ClusterHead {
             cluster: id.0,
             patches: parts.len() as u32,
-            min_m: tree[0].min_m,
-            max_m: tree[0].max_m,
+            min_m: whole.min.as_vec3().to_array(),
+            max_m: whole.max.as_vec3().to_array(),
             ..ClusterHead::zeroed()
         };
-        Self { head, patches, tree, sectors, seams, materials, order, keys }
+        Self { head, patches, seams, materials, order, keys }
     }
 
     /// The geometry extent's payload.
     #[must_use]
     pub fn geometry(&self) -> Vec<u8> {
-        let shapes = ArraysBuilder::default().with(&[self.head]).with(&self.patches).with(&self.tree);
-        shapes.with(&self.sectors).with(&self.seams).finish()
+        ArraysBuilder::default().with(&[self.head]).with(&self.patches).with(&self.seams).finish()
     }
 
     /// The materials extent's payload.
@@ -158,51 +138,25 @@ fn seams(cluster: &ClusterFaces, order: &[u32]) -> Vec<Seam> {
     seams
 }
 
-fn below(node: &TreeNode) -> std::ops::Range<usize> {
-    let first = usize::from(node.first_patch);
-    first..first + usize::from(node.patch_count)
-}
-
-/// Appends the subtree over `order[range]` in preorder and sorts that range by it.
-fn grow(boxes: &[Bounds], order: &mut [u32], range: (usize, usize), parent: u32, tree: &mut Vec<TreeNode>) -> u32 {
-    let items = &mut order[range.0..range.1];
-    let whole = items.iter().fold(Bounds::EMPTY, |b, i| b.union(boxes[*i as usize]));
-    let number = tree.len() as u32;
-    tree.push(TreeNode {
-        min_m: whole.min.as_vec3().to_array(),
-        max_m: whole.max.as_vec3().to_array(),
-        first_patch: range.0 as u16,
-        patch_count: items.len() as u16,
-        left: NONE,
-        right: NONE,
-        parent,
-        reserved: [0; 2],
-    });
-    if items.len() > LEAF {
-        let cut = range.0 + cut_by_area(boxes, items, LEAF);
-        let left = grow(boxes, order, (range.0, cut), number, tree);
-        let right = grow(boxes, order, (cut, range.1), number, tree);
-        tree[number as usize].left = left;
-        tree[number as usize].right = right;
-    } else {
-        items.sort_unstable();
+/// Puts parts that lie near each other one after the other: halved again and again where that costs least surface.
+fn put_in_order(boxes: &[Bounds], order: &mut [u32]) {
+    if order.len() <= FEW {
+        return order.sort_unstable();
     }
-    number
-}
-
-fn shape(piece: &Piece) -> Shape {
-    let (points, n) = piece.points();
-    let polygon = Polygon::new(&points[..n]);
-    Shape { area_m2: polygon.area(), normal: polygon.normal() }
+    let cut = cut_by_area(boxes, order, FEW);
+    let (left, right) = order.split_at_mut(cut);
+    put_in_order(boxes, left);
+    put_in_order(boxes, right);
 }
 
 fn patch(piece: &Piece, rules: Rules<'_>) -> PatchRecord {
     let two_sided = rules.both_sides || piece.material[1] != NO_MATERIAL;
+    let (points, n) = piece.points();
     PatchRecord {
         corners_m: piece.corners_m,
         corner_count: piece.corner_count as u8,
         sides: if two_sided { 3 } else { 1 },
-        area_m2: shape(piece).area_m2 as f32,
+        area_m2: Polygon::new(&points[..n]).area() as f32,
         ..PatchRecord::zeroed()
     }
 }
@@ -215,27 +169,6 @@ fn side_materials(piece: &Piece, rules: Rules<'_>) -> [SideMaterial; 2] {
         other => rules.materials[other as usize].side(true),
     };
     [front.side(true), back]
-}
-
-fn sectors(id: ClusterId, patches: &[PatchRecord], shapes: &[Shape], tree: &[TreeNode]) -> Vec<SectorHead> {
-    let mut out = Vec::new();
-    for sector in 0..6 {
-        for (number, node) in tree.iter().enumerate() {
-            let mut area = None;
-            for p in below(node) {
-                for (side, normal) in [shapes[p].normal, -shapes[p].normal].into_iter().enumerate() {
-                    if patches[p].sides >> side & 1 == 1 && sector_of(normal.to_array()) == sector {
-                        *area.get_or_insert(0.0) += shapes[p].area_m2;
-                    }
-                }
-            }
-            if let Some(area) = area {
-                let name = NodeName::sector(id, sector, number as u64);
-                out.push(SectorHead { name: name.0, area_m2: area as f32, tree_node: number as u32 });
-            }
-        }
-    }
-    out
 }
 
 #[cfg(test)]
@@ -266,43 +199,18 @@ mod tests {
     const DARK: Material = Material { rho: Rgb([0.5; 3]), exitance: Rgb::BLACK };
 
     #[test]
-    fn the_tree_holds_every_patch_once_in_preorder_with_exact_boxes() {
+    fn patches_near_each_other_follow_each_other_and_the_head_has_their_box() {
         let rules = Rules { materials: &[DARK, DARK], both_sides: true, emit_both: false };
         let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), rules);
         let payload = aligned(&records.geometry());
         let view = GeometryView::parse(bytemuck::cast_slice(&payload)).unwrap();
-        assert_eq!(usize::from(view.tree[0].patch_count), 100);
-        for (number, node) in view.tree.iter().enumerate() {
-            let mut b = Bounds::EMPTY;
-            for patch in &view.patches[below(node)] {
-                for corner in patch.corners_m {
-                    b = b.with(DVec3::from_array(corner.map(f64::from)));
-                }
-            }
-            assert_eq!(Bounds::from_f32(node.min_m, node.max_m), b);
-            if node.left == NONE {
-                assert!(node.patch_count <= 4);
-                assert!(view.patches[below(node)].iter().all(|p| p.tree_node == number as u16));
-            } else {
-                let (l, r) = (&view.tree[node.left as usize], &view.tree[node.right as usize]);
-                assert_eq!(node.left as usize, number + 1, "preorder");
-                assert_eq!((l.parent, r.parent), (number as u32, number as u32));
-                assert_eq!((l.first_patch, l.first_patch + l.patch_count), (node.first_patch, r.first_patch));
-            }
-        }
-    }
-
-    #[test]
-    fn every_side_lies_in_one_sector_of_each_level() {
-        let rules = Rules { materials: &[DARK, DARK], both_sides: true, emit_both: false };
-        let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), rules);
-        assert!(records.sectors.windows(2).all(|w| w[0].name < w[1].name));
-        let whole: f32 = records.sectors.iter().filter(|s| s.tree_node == 0).map(|s| s.area_m2).sum();
-        assert_eq!(whole, 200.0);
-        let one_sided = Rules { both_sides: false, ..rules };
-        let records = ClusterRecords::new(ClusterId(9), &row_of_tiles(100), one_sided);
-        let whole: f32 = records.sectors.iter().filter(|s| s.tree_node == 0).map(|s| s.area_m2).sum();
-        assert_eq!(whole, 100.0);
+        let mut parts = records.order.clone();
+        parts.sort_unstable();
+        assert!(parts.iter().copied().eq(0..100), "each once");
+        assert_eq!((view.head.min_m, view.head.max_m), ([0.0; 3], [100.0, 1.0, 0.0]));
+        let step = |w: &[PatchRecord]| (w[0].corners_m[0][0] - w[1].corners_m[0][0]).abs();
+        let far: f32 = view.patches.windows(2).map(step).sum();
+        assert!(far < 4.0 * 100.0, "{far} m from the first to the last of 100 tiles of 1 m");
     }
 
     #[test]
