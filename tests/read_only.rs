@@ -233,7 +233,7 @@ fn a_store_of_an_older_format_that_may_only_be_read_is_refused_by_name() {
         let output = scene.as_nobody(&args);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(12), "{args:?}: {said}");
-        assert!(said.contains("its format is 1, this program reads 7"), "{args:?}: {said}");
+        assert!(said.contains("its format is 1, this program reads 8"), "{args:?}: {said}");
     }
     assert_eq!(scene.state(), before);
     scene.unlock();
