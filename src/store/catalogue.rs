@@ -141,7 +141,7 @@ impl Store {
         let opened = || -> Result<Self> {
             let mut is_full = false;
             if access == Access::Write {
-                let store = over(connection::to_write(&path, create)?, access);
+                let mut store = over(connection::to_write(&path, create)?, access);
                 match store.begin() {
                     Ok(true) => return Ok(store),
                     Err(error) if !create && connection::is_without_room(&error) => is_full = true,
@@ -163,14 +163,14 @@ impl Store {
     }
 
     /// The first touch of a catalogue that will be worked on; whether it can be.
-    fn begin(&self) -> rusqlite::Result<bool> {
-        self.connection.busy_timeout(self.wait)?;
+    fn begin(&mut self) -> rusqlite::Result<bool> {
+        self.connection.busy_handler(Some(locks::patience(self.wait)))?;
         self.connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))?;
         Ok(!self.connection.is_readonly("main")?)
     }
 
     fn prepare(&mut self, create: bool) -> Result<()> {
-        self.connection.busy_timeout(self.wait)?;
+        self.connection.busy_handler(Some(locks::patience(self.wait)))?;
         // In one statement: another process may be making the store.
         let (version, ours, strange, all): (usize, u32, u32, u32) = self.connection.query_row(
             "SELECT (SELECT user_version FROM pragma_user_version),

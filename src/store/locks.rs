@@ -18,8 +18,25 @@ pub(super) const PUBLISH: &str = "publish.lock";
 /// Shared by everyone who maps segments; exclusive for truncating.
 pub(super) const READERS: &str = "readers.lock";
 
-/// How often a held lock is tried again.
+/// How soon a held lock is tried again at first, and how often in the long run: most are held for a millisecond.
+const FIRST_RETRY: Duration = Duration::from_micros(200);
 const RETRY: Duration = Duration::from_millis(20);
+
+/// What SQLite is to do while others write: try again, sooner than it does by itself, for as long as `wait`.
+pub(super) fn patience(wait: Duration) -> impl FnMut(i32) -> bool + Send + 'static {
+    let (mut since, mut pause) = (Instant::now(), FIRST_RETRY);
+    move |tries| {
+        if tries == 0 {
+            (since, pause) = (Instant::now(), FIRST_RETRY);
+        }
+        let goes_on = since.elapsed() < wait;
+        if goes_on {
+            std::thread::sleep(pause);
+            pause = (2 * pause).min(RETRY);
+        }
+        goes_on
+    }
+}
 
 /// Opens a lock file, made if missing.
 pub(super) fn open(path: &Path) -> Result<File> {
@@ -73,16 +90,16 @@ pub(super) fn try_exclusive(file: &File, path: &Path) -> Result<bool> {
 
 /// Locks exclusively, waiting up to `wait`; says whether it did.
 pub(super) fn exclusive_within(file: &File, path: &Path, wait: Duration) -> Result<bool> {
-    let end = Instant::now() + wait;
-    loop {
+    let mut patience = patience(wait);
+    for tries in 0.. {
         if try_exclusive(file, path)? {
             return Ok(true);
         }
-        if Instant::now() >= end {
-            return Ok(false);
+        if !patience(tries) {
+            break;
         }
-        std::thread::sleep(RETRY);
     }
+    Ok(false)
 }
 
 /// Whether nobody holds the lock of a file. A missing file is held by nobody.
