@@ -383,6 +383,19 @@ mod tests {
     }
 
     #[test]
+    fn only_notes_do_not_wait_for_the_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::create(dir.path(), Duration::ZERO).unwrap();
+        let waits = || store.connection().pragma_query_value(None, "synchronous", |r| r.get::<_, u32>(0)).unwrap();
+        const NORMAL: u32 = 1;
+        const FULL: u32 = 2;
+        assert_eq!(store.note(|_| Ok(waits())).unwrap(), NORMAL);
+        assert_eq!(store.write(|_| Ok(waits())).unwrap(), FULL);
+        assert!(store.note::<()>(|_| Err(Error::Interrupted)).is_err());
+        assert_eq!(waits(), FULL, "a note that fails, too");
+    }
+
+    #[test]
     fn a_second_coordinator_waits_and_then_names_the_first() {
         let dir = tempfile::tempdir().unwrap();
         let first = Store::create(dir.path(), Duration::from_millis(50)).unwrap();
