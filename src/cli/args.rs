@@ -89,7 +89,7 @@ pub enum Verb {
         after_help = "Examples:\n  clerestory run office.obj\n  clerestory run office.obj --quality final --workers 4"
     )]
     Run(Box<RunArgs>),
-    /// Read models into a store: clusters, patches, cluster trees, version 0
+    /// Read models into a store: clusters, patches, version 0
     #[command(
         after_help = "Examples:\n  clerestory ingest office.clr office.obj\n  clerestory ingest office.clr walls.obj lamps.obj --units cm"
     )]

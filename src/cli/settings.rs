@@ -17,9 +17,9 @@ use serde::Serialize;
 use super::args::Cli;
 use crate::base::text::{from_stored, shown, stored};
 use crate::base::{Error, Result};
-use crate::stages::entry::Store;
+use crate::stages::entry::{self, Store};
 pub use crate::stages::settings::STAGES;
-use crate::stages::settings::{open, recorded};
+use crate::stages::settings::recorded;
 
 /// In the current folder.
 const FILE: &str = "clerestory.toml";
@@ -97,9 +97,10 @@ pub fn resolve(line: &[OsString]) -> std::result::Result<Result<Resolved>, clap:
     let Some((verb, matches)) = first.subcommand() else {
         return Ok(Ok(Resolved { matches: first, store: Cell::default(), lower: BTreeMap::new() }));
     };
+    let is_fresh = matches.try_get_one::<bool>("fresh").ok().flatten().copied().unwrap_or(false);
     let wait = matches.get_one::<Duration>("wait").copied().unwrap_or_default();
     // A store that can't be read is the stage's to report.
-    let store = store_of(matches).and_then(|dir| open(&dir, wait).ok().flatten());
+    let store = store_of(matches).filter(|_| !is_fresh).and_then(|dir| entry::open(&dir, wait).ok());
     let lower = match lower_layers(&command, verb, matches, store.as_ref()) {
         Ok(lower) => lower,
         Err(error) => return Ok(Err(error)),
@@ -124,10 +125,7 @@ fn lower_layers(
 ) -> Result<BTreeMap<String, (OsString, &'static str)>> {
     let flags = flags_of(verb);
     let mut lower = BTreeMap::new();
-    let is_fresh = matches.try_get_one::<bool>("fresh").ok().flatten().copied().unwrap_or(false);
-    if let Some(store) = store
-        && !is_fresh
-    {
+    if let Some(store) = store {
         for ((stage, flag), value) in recorded(store).unwrap_or_default() {
             if let Some(flag) = flag_on(verb, &stage, &flag)
                 && flags.contains(&flag)

@@ -241,16 +241,10 @@ pub fn bake(payload: &[u8], patches: usize) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::ArraysBuilder;
+    use super::super::layout::{ArraysBuilder, aligned};
     use super::super::links::{LinksHead, RowHead, StoredHit, StoredShare};
     use super::super::rays::{Cuts, FaceCut, RayNode, RayPatch};
     use super::*;
-
-    fn aligned(payload: &[u8]) -> Vec<u128> {
-        let mut words = vec![0u128; payload.len().div_ceil(16)];
-        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(payload);
-        words
-    }
 
     /// A face of cluster 7 named by `patch`, in two parts.
     fn face_named(patch: u32, parts: [u32; 2]) -> Result<(), String> {

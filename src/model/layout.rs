@@ -7,13 +7,13 @@ use bytemuck::Pod;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u16)]
 pub enum ExtentKind {
-    /// Patches and cluster tree ([`crate::model::geometry`]).
+    /// Patches and seams ([`crate::model::geometry`]).
     Geometry = 1,
     /// Reflectance and exitance per patch side ([`crate::model::geometry::SideMaterial`]).
     Materials = 2,
     /// Clusters that a cluster sees ([`crate::model::visibility`]).
     Visibility = 3,
-    /// Irradiance of elements and sector nodes ([`crate::model::light`]).
+    /// Irradiance of elements ([`crate::model::light`]).
     Radiosity = 4,
     /// Links of a receiving cluster ([`crate::model::links`]).
     Links = 5,
@@ -46,6 +46,14 @@ impl ExtentKind {
 }
 
 const ALIGN: usize = 16;
+
+/// A payload as views borrow from it.
+#[cfg(test)]
+pub(crate) fn aligned(payload: &[u8]) -> Vec<u128> {
+    let mut words = vec![0u128; payload.len().div_ceil(ALIGN)];
+    bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(payload);
+    words
+}
 
 /// Writes arrays into one payload.
 #[derive(Default)]

@@ -1,19 +1,12 @@
 //! Settings as a store remembers them, per stage: the values it was run with when none are given.
 
 use std::collections::BTreeMap;
-use std::path::Path;
-use std::time::Duration;
 
 use crate::base::Result;
 use crate::store::Store;
 
 /// The stages that remember settings.
 pub const STAGES: [&str; 4] = ["ingest", "visibility", "partition", "solve-group"];
-
-/// The store in `dir`, if there is one.
-pub fn open(dir: &Path, wait: Duration) -> Result<Option<Store>> {
-    if dir.join("scene.sqlite").is_file() { Store::open(dir, wait).map(Some) } else { Ok(None) }
-}
 
 /// Everything that a store remembers: (stage, flag) -> value.
 pub fn recorded(store: &Store) -> Result<BTreeMap<(String, String), String>> {

@@ -15,7 +15,7 @@ use crate::model::visibility::VisibleCluster;
 /// What an extent begins with.
 pub const MAGIC: [u8; 8] = *b"CLERSTRY";
 /// Version of the bytes described by `schema/SEGMENTS.md`.
-pub const FORMAT: u16 = 6;
+pub const FORMAT: u16 = 7;
 /// Extents and their payloads begin at multiples of this.
 pub const ALIGN: u64 = 64;
 /// Bytes of a header.

@@ -23,6 +23,7 @@ use super::source::{ClusterView, Clusters, Loaded};
 use crate::base::{ClusterId, NodeName, PatchSide, Quiet, Result};
 use crate::geom::quadtree;
 use crate::model::geometry::{ClusterHead, GeometryView, PatchRecord, SideMaterial};
+use crate::model::layout::aligned;
 use crate::model::light::LightView;
 use crate::model::rays;
 use crate::model::report::ErrorSums;
@@ -35,7 +36,7 @@ struct Stored {
     head: ClusterHead,
     patches: Vec<PatchRecord>,
     materials: Vec<SideMaterial>,
-    light: Vec<u64>,
+    light: Vec<u128>,
 }
 
 impl Loaded for Stored {
@@ -56,7 +57,7 @@ pub struct MemoryScene {
     rows: Vec<Vec<Row>>,
     nodes: Vec<rays::RayNode>,
     refs: Vec<rays::ClusterRef>,
-    file: Vec<u64>,
+    file: Vec<u128>,
 }
 
 /// Where an iteration has led.
@@ -86,12 +87,6 @@ impl Lights for MemoryScene {
     fn lit(&self, id: ClusterId) -> Result<Rc<LitCluster>> {
         Ok(self.lit[id.0 as usize].clone())
     }
-}
-
-fn aligned(bytes: &[u8]) -> Vec<u64> {
-    let mut words = vec![0u64; bytes.len().div_ceil(8)];
-    bytemuck::cast_slice_mut::<u64, u8>(&mut words)[..bytes.len()].copy_from_slice(bytes);
-    words
 }
 
 /// Iterations after which a test has waited long enough.

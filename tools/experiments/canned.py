@@ -133,7 +133,6 @@ def result(curve, share=0.5, wall_s=10.0, visits_s=15.0, residuals=(1.0, 0.4, 0.
             "phase": "sweep",
             "residual": residual,
             "elements": 20,
-            "rows_measured": 4,
             "stored": 100,
             "reused": 60,
             "rays": 500,

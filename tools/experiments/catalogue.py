@@ -43,12 +43,11 @@ def report(blob):
     head = HEAD.unpack_from(blob)
     tail = TAIL.unpack_from(blob, HEAD.size + BIN_BYTES * head[-1])
     emitted, absorbed, escaped = (sum(head[i : i + 3]) for i in (0, 3, 6))
-    rows_measured, stored, reused, rays, elements = head[9:14]
+    stored, reused, rays, elements = head[10:14]
     return {
         "emitted_w": emitted,
         "absorbed_w": absorbed,
         "escaped_w": escaped,
-        "rows_measured": rows_measured,
         "stored": stored,
         "reused": reused,
         "rays": rays,
@@ -109,7 +108,7 @@ def history(store):
     try:
         done = visits(catalogue)
         ends = catalogue.execute(
-            """SELECT id, iteration, phase, residual, elements, links_evaluated, links_stored, links_reused, rays,
+            """SELECT id, iteration, phase, residual, elements, links_stored, links_reused, rays,
                       estimated_nrms, made_at FROM solution_versions
                WHERE is_iteration_end = 1 AND iteration > 0 AND branch = (SELECT max(id) FROM branches)
                ORDER BY iteration"""
@@ -121,7 +120,7 @@ def history(store):
     finally:
         catalogue.close()
     phase, iterations = "sweep", []
-    for version, number, next_phase, residual, elements, rows, stored, reused, rays, nrms, made_at in ends:
+    for version, number, next_phase, residual, elements, stored, reused, rays, nrms, made_at in ends:
         own = [visit for visit in done if visit["iteration"] == number]
         last_s = max((visit["end_s"] for visit in own), default=0.0)
         iterations.append(
@@ -130,7 +129,6 @@ def history(store):
                 "phase": phase,
                 "residual": residual,
                 "elements": elements,
-                "rows_measured": rows,
                 "stored": stored,
                 "reused": reused,
                 "rays": rays,

@@ -75,8 +75,8 @@ def figures(result):
 COUNTS = {"every": "every link with each gather", "inside": "links within the group alone, gathered again"}
 
 HEADS = (
-    "run|iterations|time in visits|time|transfer|to {level}|reused, every link with each gather"
-    "|reused, links within the group alone, gathered again|reused over visits|links made|rays|memory"
+    "run|iterations|time in visits|time|transfer|to {level}|reused, {every}|reused, {inside}|reused over visits"
+    "|links made|rays|memory"
 )
 
 
@@ -103,7 +103,7 @@ def rows(results):
                 number(of["anon_mb"], " MB"),
             ]
         )
-    return HEADS.format(level=percent(share)).split("|"), lines
+    return HEADS.format(level=percent(share), **COUNTS).split("|"), lines
 
 
 def beside(results):

@@ -176,13 +176,8 @@ mod tests {
     use super::*;
     use crate::base::Rgb;
     use crate::model::geometry::GeometryView;
+    use crate::model::layout::aligned;
     use crate::model::light::LightView;
-
-    fn aligned(payload: &[u8]) -> Vec<u128> {
-        let mut words = vec![0u128; payload.len().div_ceil(16)];
-        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..payload.len()].copy_from_slice(payload);
-        words
-    }
 
     fn row_of_tiles(n: usize) -> ClusterFaces {
         let tiles: Vec<Piece> = (0..n)
